@@ -12,6 +12,7 @@ import gc
 import os
 import signal
 from collections import Counter
+from collections.abc import Generator
 from importlib.util import find_spec
 
 import pytest
@@ -57,11 +58,17 @@ def pytest_itemcollected(item: pytest.Item) -> None:
         item.add_marker("slow")
 
 
-def pytest_collection_finish() -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
     """Spare the garbage collector what stays until the end: thousands of tests, and all modules.
 
-    Explorations that hold millions of states take a quarter less time with fewer collections.
+    They are collected in four fifths of the time, and explorations that hold millions of states
+    take a quarter less time with fewer collections.
     """
+    gc.disable()
+    found = yield
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000, 20, 20)
+    gc.enable()
+    return found

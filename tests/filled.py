@@ -77,6 +77,7 @@ _VALUES: dict[type[inspect.Type], Callable[[_Filler, Any], list[Any]]] = {
         filler.number() + 0.5 if kind.le is None else kind.le / (filler.number() + 0.5)
     ],
     inspect.StrType: lambda filler, _: [filler.text()],
+    inspect.BytesType: lambda filler, _: [filler.text().encode()],
     inspect.LiteralType: lambda _, kind: [kind.values[-1]],
     inspect.AnyType: lambda filler, _: [[filler.number(), filler.text()]],
     inspect.CustomType: lambda filler, _: [(filler.number(), filler.text())],  # a site

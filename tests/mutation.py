@@ -51,7 +51,7 @@ _RUNS = "coordinator/cubepath/coordinator/runs"
 _EXHAUSTIVE = "tests/agents/processes/test_exhaustive.py"
 _KEPT = (
     "tests/agents/keepers/test_keeper.py",
-    "tests/agents/keepers/test_holds.py",
+    "tests/agents/keepers/test_attempts.py",
     "tests/agents/keepers/test_units.py",
     "tests/agents/keepers/test_keeper_exploration.py",
 )
@@ -78,13 +78,19 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     f"{_PROCESSES}/pacer.py": ("tests/agents/processes/test_pacer.py", _EXHAUSTIVE),
     f"{_PROCESSES}/settling.py": ("tests/agents/processes/test_settling.py",),
     f"{_KEEPERS}/attempts.py": _KEPT,
-    f"{_KEEPERS}/journal.py": ("tests/agents/keepers/test_journal.py", _KEPT[0]),
-    f"{_KEEPERS}/keeper.py": _KEPT,
-    f"{_KEEPERS}/units.py": _KEPT,
-    f"{_FREE}/mover.py": (
-        "tests/agents/free/test_mover.py",
-        "tests/agents/free/test_mover_holding.py",
+    f"{_KEEPERS}/journal.py": (
+        "tests/agents/keepers/test_journal.py",
+        "tests/agents/keepers/test_compacting.py",
+        _KEPT[0],
     ),
+    f"{_KEEPERS}/keeper.py": (
+        *_KEPT[:2],
+        "tests/agents/keepers/test_compacting.py",
+        "tests/agents/keepers/test_keeper_node.py",
+        *_KEPT[2:],
+    ),
+    f"{_KEEPERS}/units.py": _KEPT,
+    f"{_FREE}/mover.py": ("tests/agents/free/test_mover.py",),
     f"{_FREE}/sensing.py": ("tests/agents/free/test_sensing.py",),
     f"{_RUNS}/gatherer.py": (
         "tests/coordinator/runs/test_gatherer.py",

@@ -151,7 +151,8 @@ class Desk:
         if not self.installed and (commands := simple_commands(text)) is not None:
             self._run_here(commands)
             return
-        code, self.printed, told = self._bash(f"set -eo pipefail\n{text}")
+        tidy = "trap 'kill $(jobs -p) 2>/dev/null || :' EXIT"  # what a block that fails has begun
+        code, self.printed, told = self._bash(f"set -eo pipefail; {tidy}\n{text}")
         assert code == 0, told
 
     def _run_here(self, commands: list[list[str]]) -> None:

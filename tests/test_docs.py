@@ -19,7 +19,6 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 LEFT_OUT = {
     "pip install -e . && ": "the tests run with the project installed",
-    "pip install -e .\n": "what the page installs is put where Python looks for it",
     "pip install -e '.[test]' && python -m pytest\n": "these are the tests",
     "cubepath paper ": "takes ten seconds and more; tests/coordinator/theory/paper",
 }
@@ -29,8 +28,10 @@ LONG = {
     "experiments",
     "extending",
     "free-clock",
+    "hosts",
     "recordings",
     "replay",
+    "robots",
     "running",
     "schedules",
     "testing",

@@ -12,7 +12,9 @@ ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 NOT_OURS = frozenset(
     [
+        "braced",
         "concurrent",
+        "crawl",
         "crossing",
         "Disabled",
         "dock",

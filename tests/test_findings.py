@@ -36,7 +36,7 @@ from cubepath.protocol import scene_from_spec
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.systems.lattice import LatticeSystem
 from findings import FILES, TABLES, committed, factors
 from studies import DOCS, PAGE, tables_of_page
@@ -189,6 +189,7 @@ def test_the_farthest_pairs_are_as_far_apart_as_said(corners: int) -> None:
     assert len(found.cubes) == row["diameter"]
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("row", _flip_rows()[2:], ids=lambda row: f"{row['n']} corners")
 def test_a_solver_says_the_same_of_the_farthest_pairs(row: dict[str, Any]) -> None:
     """A round fewer than the diameter is refuted, and that many rounds are enough."""
@@ -224,7 +225,7 @@ def test_shapes_are_as_many_as_is_known() -> None:
             assert sum(many for _, many in row["holes"].values()) == row["components"]
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("size", range(1, 8))
 def test_components_come_out_again(size: int) -> None:
     """Both catalogues."""
@@ -252,7 +253,7 @@ def test_components_are_those_of_the_generators(size: int) -> None:
     """Both catalogues, on sets of cells, by the project's actions."""
     shapes = _grown(size)
     for catalogue in (1, 2):
-        system = LatticeSystem(hex_catalogue(keeps_topology=catalogue == 1))
+        system = LatticeSystem(page_catalogue(f"hexagons-{catalogue}"))
         near = {
             shape: {
                 normal_place(HEXAGONS, apply(action, shape))[0]

@@ -82,9 +82,9 @@ class Commands:
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory: pytest.TempPathFactory, installed: dict[str, str]) -> Commands:
-    """Return the commands, in a folder with the recording of a run in three processes."""
+    """Return the commands, in a folder with the recording of a run in two processes."""
     found = Commands(tmp_path_factory.mktemp("work"), installed)
-    run = ("run", "ring:n=6", "--seed=3", "--processes=3", "--hesitate=0.3")
+    run = ("run", "ring:n=6", "--seed=3", "--processes=2", "--hesitate=0.3")
     assert found.json(*run, "--max-rounds=40", "--log=ring.mcap")["moves"]
     return found
 
@@ -122,6 +122,7 @@ def test_the_recording_of_a_run_is_verified_replayed_and_drawn(commands: Command
         assert (commands.folder / picture).stat().st_size > 1000
 
 
+@pytest.mark.thorough
 def test_the_same_run_in_the_environment(installed: dict[str, str], commands: Commands) -> None:
     """In one process, over zenoh and in the recording: one edge path; text and pixels are drawn."""
     code = """
@@ -129,8 +130,8 @@ import numpy as np
 from cubepath.agents import parallel_env
 
 found = []
-for transport in ("local", "zenoh"):
-    env = parallel_env("ring:n=5", max_cycles=6, transport=transport, render_mode="ansi")
+for options in ({}, {"transport": "zenoh", "processes": 1}):
+    env = parallel_env("ring:n=5", max_cycles=6, render_mode="ansi", **options)
     observations, _ = env.reset(seed=4)
     seen = []
     while env.agents:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.verification.recording import verify
@@ -36,7 +36,7 @@ def test_a_golden_recording_is_what_the_script_writes(name: str, tmp_path: Path)
     assert list(again.records) == list(golden.records)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WITH_ROUNDS)
 def test_real_processes_say_what_is_on_record(name: str, tmp_path: Path) -> None:

@@ -4,16 +4,11 @@ import ast
 import re
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
-SOURCES = sorted(
-    path
-    for room in ("protocol", "agents", "coordinator")
-    for path in (ROOT / room / "cubepath").rglob("*.py")
-)
+from faces import ROOT, sources
+
 OWN = (
     "protocol/cubepath/protocol/systems",
     "protocol/cubepath/protocol/scenes/families",
@@ -30,8 +25,8 @@ def systems() -> set[str]:
     classes = re.compile(r"^ *class (\w+)\(([^)]*)\)", re.MULTILINE)
     bases = {
         name: set(re.findall(r"[\w.]+", above))
-        for path in SOURCES
-        for name, above in classes.findall(path.read_text())
+        for source in sources().values()
+        for name, above in classes.findall(source.path.read_text())
     }
     found = {"System"}
     while more := {name for name, above in bases.items() if above & found} - found:
@@ -77,10 +72,10 @@ def test_nobody_asks() -> None:
     classes = systems()
     assert {"LatticeSystem", "GraphSystem", "TabledSystem", "FlipSystem"} <= classes
     found = [
-        f"{path.relative_to(ROOT)}:{line}: {text}"
-        for path in SOURCES
-        if not path.relative_to(ROOT).as_posix().startswith(OWN)
-        for line, text in asked(ast.parse(path.read_text()), classes)
+        f"{path}:{line}: {text}"
+        for source in sources().values()
+        if not (path := source.path.relative_to(ROOT).as_posix()).startswith(OWN)
+        for line, text in asked(source.tree, classes)
     ]
     assert found == []
 

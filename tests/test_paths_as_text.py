@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.recording import verify

@@ -10,7 +10,7 @@ from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.recordings.description import BATCHES
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
-from cubepath.protocol.wire.on_record import parts_said, schema_of
+from cubepath.protocol.wire.on_record import parts_in, schema_of
 from filled import TEXT, all_structs, filled
 
 IN_MEMORY = {"Status of asking", "TappedMessage of listeners"}
@@ -22,6 +22,7 @@ OPEN = {
     *("PlayerStatus of machine", "Position of machine", "Refusal of machine"),
     *("KindCount of description", "_Part of description", "_Batch of description"),
     *("cgshop2021", "cgshop2026", "_Other of certificates"),
+    *(f"{name} of pathfinder" for name in ("_Move", "_MoveFile", "_Module", "_Configuration")),
     *(
         "_FreeHead of losses",
         "Head of losses",
@@ -34,6 +35,8 @@ OPEN = {
 That is what is said over the network, where other versions may say more; the counts at the end of a
 recording; plans by other programs; and what is read of something in part.
 """
+CHECKED = {"Generator of catalogue", "_LatticeTable of lattice"}
+"""Structs whose fields must fit one another; scenes read them again, with other values in each."""
 WRITTEN = sorted(ALL.keys() - IN_MEMORY)
 MESSAGES: dict[str, type[msgspec.Struct]] = {**KINDS, **FREE_KINDS}
 READ_IN_PART: dict[str, dict[str, str]] = {
@@ -67,7 +70,7 @@ def properties_in(schema: Any) -> set[str]:
     return {*own}.union(*(properties_in(each) for each in inner if isinstance(each, dict | list)))
 
 
-@pytest.mark.parametrize("name", WRITTEN)
+@pytest.mark.parametrize("name", sorted({*WRITTEN} - CHECKED))
 def test_a_struct_is_the_same_when_it_is_read_again(name: str) -> None:
     """With a value other than the default in each field, and each field by its name."""
     struct = ALL[name]
@@ -99,7 +102,7 @@ def test_the_parts_of_a_batch_are_counted_by_their_kinds() -> None:
     counted: dict[str, set[str]] = {}
     for kind in BATCHES:
         data = msgspec.json.encode(filled(MESSAGES[kind]))
-        whole[kind] = {topic.partition("/")[0] for topic, _ in parts_said(kind, data)}
+        whole[kind] = {topic.partition("/")[0] for topic, _ in parts_in(kind, data)}
         batch: Any = msgspec.json.decode(data, type=ALL["_Batch of description"])
         counted[kind] = {part.kind for part in batch.parts}
     assert whole == counted == BATCHES

@@ -20,7 +20,7 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from cubepath.coordinator.tools.comparison.comparing import diff
+from cubepath.coordinator.tools.comparison.run_comparison import diff
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import decode
 

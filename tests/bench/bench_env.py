@@ -9,6 +9,8 @@ run, is what PettingZoo's interface costs: an environment of as many agents that
 observation and mask in fresh dicts and moves nothing. `--peer` names a Python that has magent2,
 whose battle is stepped with random actions, or pogema, in free space; each by about as many agents.
 pogema needs one of its own, since it pins old packages. Batches are of environments of one scene.
+Their floor is to copy what is observed from one array to another; bytes are those of the
+environment after its steps, for each module, without the scene.
 """
 
 import argparse
@@ -18,6 +20,7 @@ import statistics
 import subprocess
 import sys
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
 from typing import Any
@@ -185,6 +188,32 @@ def arrays(spec: str, count: int) -> Callable[[], Callable[[Any], Any]]:
     return make
 
 
+def copies(spec: str, count: int) -> Callable[[], Callable[[Any], Any]]:
+    """Return how to make a step that only copies observations and masks."""
+    seen, _ = vector_env(scene_of(spec), num_envs=count, copy=False).reset(seed=0)
+    pairs = [(array.copy(), array) for array in seen.values()]
+
+    def step(_: Any) -> None:
+        for target, source in pairs:
+            np.copyto(target, source)
+
+    return lambda: step
+
+
+def memory(spec: str, count: int, actions: list[Any]) -> float:
+    """Return the bytes that environments take after some steps, for each module."""
+    make = arrays(spec, count)
+    tracemalloc.start()
+    step = make()
+    for each in actions:
+        step(each)
+    gc.collect()
+    found, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    del step
+    return found / int(actions[0].size)
+
+
 def single(spec: str, modules: int, steps: int, repeats: int) -> Iterator[str]:
     """Yield the figures of one environment, in millions of agent-steps a second."""
     actions, moved = drawn(spec, 1, steps)
@@ -228,9 +257,12 @@ def main() -> None:
         actions, moved = drawn(spec, count, max(3, 2 * work // (size * count)))
         measured = partial(rate, arrays(spec, count), actions, size * count, repeats=repeats)
         found, later = measured(), measured(first=len(actions) // 2)
+        floor = rate(copies(spec, count), actions, size * count, repeats=repeats)
         what = f"{spec} x {count}" if count > 1 else f"{spec}, arrays"
         print(
-            f"{what:<37} moves {moved:.2f} {found / 1e6:>8.3f} later {later / 1e6:>8.3f}",
+            f"{what:<37} moves {moved:.2f} {found / 1e6:>8.3f} later {later / 1e6:>8.3f}"
+            f" floor {floor / 1e6:>8.3f} ratio {floor / found:>6.1f}"
+            f" bytes {memory(spec, count, actions):>6.0f}",
             flush=True,
         )
     for python in given.peer:

@@ -169,7 +169,7 @@ def main() -> None:
         )
         rows(f"{spec} free, all think", system=spec, clock="free", processes=size, speeds=every)
         big = "agv:graph=grid12x12,n=64" if options.quick else "agv:graph=grid24x24,n=256"
-        most = 5 if options.quick else 30
+        most = 5 if options.quick else 100
         for clock in ("lockstep", "free"):
             rows(f"{big} {clock}, random", system=big, rule="random", clock=clock, max_rounds=most)
         if options.cubes:

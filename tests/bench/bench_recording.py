@@ -28,7 +28,7 @@ from tempfile import TemporaryDirectory
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.recording import verify

@@ -30,7 +30,7 @@ from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from cubepath.coordinator.playback.machine import Machine, Seek
+from cubepath.coordinator.playback.machine import Machine, read_order
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID, KeyMapping, PlayedMessages, RecordedStates
 from cubepath.coordinator.playback.timeline import Timeline
@@ -112,7 +112,7 @@ def seek(reel: Timeline, states: RecordedStates, number: int) -> float:
     """Return how long it takes to a round, and to the state there."""
     machine = Machine(reel, PlayedMessages(reel.recording), paused=True)
     began = time.perf_counter()
-    machine.order(Seek(str(number)), 0.0)
+    machine.order(read_order("seek", {"to": str(number)}), 0.0)
     states.at(machine.mark)
     return time.perf_counter() - began
 

@@ -7,6 +7,7 @@ recording. Its *floor* is made from that run, in the same run: as many processes
 on the same keys, a batch for each phase and region, observe and choose for the same modules from
 where these really stood, and the coordinator records; nobody decodes, dispatches, arbitrates or
 checks anything. The *wire* is the floor without observing, choosing and recording.
+*MB* is the memory of all processes of the real run, with what they share counted once.
 
 Below, what the coordinator spends to find the action of a move that is reported, in processor time:
 the first time that this run is gathered, when some of its actions are new, and again. The floor is
@@ -61,6 +62,13 @@ def cpu_s(pid: int) -> float:
     return time.clock_gettime((~pid << 3) | 2)
 
 
+def memory_mb(pids: list[int]) -> float:
+    """Return the memory that processes share out among themselves, in megabytes (Linux)."""
+    rolled = (Path(f"/proc/{pid}/smaps_rollup").read_text() for pid in pids)
+    lines = (line.split() for text in rolled for line in text.splitlines()[1:])
+    return sum(int(line[1]) for line in lines if line[0] == "Pss:") / 1e3
+
+
 @dataclass
 class Recorded:
     """A real run: what each process put in each phase, and where modules stood in each round."""
@@ -77,6 +85,7 @@ class Recorded:
     parts: int = 0
     cpu_ms: float = 0.0
     wall_ms: float = 0.0
+    memory_mb: float = 0.0
 
     def take(self, message: Message, data: bytes) -> None:
         """Note a message."""
@@ -122,6 +131,7 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
                 fleet.play_round()
                 times.append(sum(map(cpu_s, pids)) - before)
                 walls.append(time.perf_counter() - began)
+            found.memory_mb = memory_mb(pids)
     for message, data in kept:
         found.take(message, data)
     found.cpu_ms = statistics.median(times) * 1e3
@@ -322,8 +332,7 @@ def rows(quick: bool) -> Iterator[tuple[str, int, int]]:
             yield f"hex:n={count}", processes, 10 if quick else 30
     if not quick:
         yield "agv:graph=grid32x32,n=256", 4, 30
-        yield "hex:n=1024", 64, 10
-        yield "hex:n=1024", 128, 10
+        yield "hex:n=128", 128, 10
 
 
 def main() -> None:
@@ -343,6 +352,7 @@ def main() -> None:
         "wall ms",
         "messages",
         "parts",
+        "MB",
     )
     print(f"{'processor time a round':<26}" + "".join(f"{column:>10}" for column in columns))
     todo = [row for row in rows(chosen.quick) if chosen.only in (None, row[0])]
@@ -354,7 +364,8 @@ def main() -> None:
         print(
             f"{spec:<26}{processes:>10}{found.cpu_ms:>10.1f}{whole:>10.1f}"
             f"{found.cpu_ms / whole:>10.2f}{wire:>10.1f}{found.wall_ms:>10.1f}"
-            f"{found.messages / (rounds + 1):>10.0f}{found.parts / (rounds + 1):>10.0f}",
+            f"{found.messages / (rounds + 1):>10.0f}{found.parts / (rounds + 1):>10.0f}"
+            f"{found.memory_mb:>10.0f}",
             flush=True,
         )
     costs = ("first us", "again us", "floor us", "ratio", "moves", "distinct")

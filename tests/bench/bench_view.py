@@ -3,10 +3,11 @@
     python tests/bench/bench_view.py [--quick] [--json]
 
 Takes the extra `browser` and Debian's chromium, headless. "long" is a walk of a few hexagons, one
-move a step; "wide" is a fleet of 400 vehicles that all move at once. A frame is the time from one
-to the next while the page plays, at the medians of 120 frames, and at the largest; drawing alone is
-the script's part of it. No frame is shorter than 16.7 ms, the rate of the screen. The floor is an
-empty page that only asks for frames, in the same browser. Writing is processor time, without the
+move a step; "wide" is a fleet of 400 vehicles that all move at once, "solid" 64 cubes that slide. A
+frame is the time from one to the next while the page plays, at the medians of 120 frames, and at
+the largest; drawing alone is the script's part of it. No frame is shorter than 16.7 ms, the rate of
+the screen. The floor is an empty page that only asks for frames, in the same browser.
+Writing is processor time, without the
 search for the normal cube path. Targets: a median frame of at most 33 ms at 10,000 moves and of
 100 ms at 100,000, and at most 2 MB besides the data.
 """
@@ -17,6 +18,7 @@ import shutil
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,7 +35,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from samples.strategies import random_walk
 
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking")
-LONG, WIDE = "hex:n=12", "agv:graph=grid40x40,n=400"
+LONG, WIDE, SOLID = "hex:n=12", "agv:graph=grid40x40,n=400", "sliding-cubes:n=64,scene=random"
 FRAMES = 120
 MEASURE = """(frames) => new Promise((done) => {
   const gaps = [], drawn = [];
@@ -65,12 +67,12 @@ def long_path(moves: int) -> tuple[Scene, Sequence[Sequence[Action]]]:
     return scene_from_spec(LONG), [(action,) for action in random_walk(LONG, moves, 1)]
 
 
-def wide_path(moves: int) -> tuple[Scene, Sequence[Sequence[Action]]]:
-    """Return rounds of a fleet, as many as have these moves together."""
-    scene = scene_from_spec(WIDE)
+def played_path(spec: str, at_once: int, moves: int) -> tuple[Scene, Sequence[Sequence[Action]]]:
+    """Return rounds of a run that have these moves together, if each has `at_once` or more."""
+    scene = scene_from_spec(spec)
     steps: list[Sequence[Action]] = []
-    made, rounds = 0, moves // 100
-    for step in play(scene, "random", seed=1, max_rounds=rounds).steps:
+    made = 0
+    for step in play(scene, "random", seed=1, max_rounds=moves // at_once).steps:
         if made >= moves:
             break
         steps.append(step)
@@ -132,7 +134,11 @@ def main() -> None:
         floor = Path(folder) / "floor.html"
         floor.write_text("<!doctype html><html data-ready><title>floor</title></html>")
         rows.append({"kind": "floor", **frames_of(browser, floor)})
-        for kind, make in (("long", long_path), ("wide", wide_path)):
+        for kind, make in (
+            ("long", long_path),
+            ("wide", partial(played_path, WIDE, 100)),
+            ("solid", partial(played_path, SOLID, 5)),
+        ):
             for size in sizes:
                 path = Path(folder) / f"{kind}-{size}.html"
                 rows.append(

@@ -84,7 +84,7 @@ def counted(
 ) -> tuple[SimulatedNetwork, Counter, list[Worker], Trace]:
     """Let workers count to the end; return what is left of it."""
     trace = Trace()
-    network = SimulatedNetwork(faults, seed, trace)
+    network = SimulatedNetwork(faults.at, seed, trace)
     counter = Counter(workers, upto)
     made: list[Worker] = []
 

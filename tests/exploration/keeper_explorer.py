@@ -24,7 +24,7 @@ from itertools import combinations
 from typing import Any
 
 from cubepath.agents.keepers.journal import Record
-from cubepath.agents.keepers.keeper import Keeper, Name, _Pending, name_of
+from cubepath.agents.keepers.keeper import Keeper, Name, name_of
 from cubepath.protocol.wire.free_messages import Decision
 from exploration.keeper_history import History
 from exploration.keeper_modules import Modules, is_heard
@@ -174,11 +174,6 @@ class Explorer:
                     f"keeper {keeper} acknowledges to {other}",
                     partial(self._kept, world, keeper, ("settle", other)),
                 )
-            for module in self._seats.all[state].holds:
-                yield (
-                    f"keeper {keeper} holds no longer for {module}",
-                    partial(self._kept, world, keeper, ("expire", module)),
-                )
             if faults.keeper:
                 yield from self._keeper_crashes(world, keeper)
         for module in range(len(world.modules)):
@@ -324,11 +319,7 @@ class Explorer:
         if edges:
             check_no_circle(edges)
             for at, seat in enumerate(seats):
-                waiting = {
-                    name_of(each.passed.attempt)
-                    for each in seat.keeper._waiting.values()
-                    if isinstance(each, _Pending)
-                }
+                waiting = {name_of(each.passed.attempt) for each in seat.keeper._waiting.values()}
                 for other in seats[at:]:
                     held = {
                         name_of(each.passed.attempt) for each in other.keeper._prepared.values()
@@ -346,7 +337,6 @@ class Explorer:
             keeper = self._seats.all[state].keeper
             assert self._seats.all[state].idle, f"something stays due at keeper {at}"
             assert not keeper._waiting, f"something waits for good at keeper {at}"
-            assert not keeper._holds, f"something stays held at keeper {at}"
             assert not keeper._exclusive, f"something stays locked at keeper {at}"
             assert not keeper._shared, f"something stays locked at keeper {at}"
         history.check_all([self._seats.all[state].keeper for state in world.keepers])

@@ -18,7 +18,6 @@ from cubepath.agents.keepers.keeper import (
     SETTLE_TICKS,
     Keeper,
     Name,
-    _Hold,
     _Pending,
     name_of,
 )
@@ -26,9 +25,6 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.free_messages import Settled
 from cubepath.protocol.wire.messages import encode
 from exploration.keeper_world import Dealt, Letter, Scenario, letters_of
-
-_LEFT = 2
-"""What is held is held for so many ticks more, until its time has come."""
 
 
 @dataclass(slots=True)
@@ -40,8 +36,6 @@ class Seat:
     idle: bool
     settles: tuple[int, ...]
     """Keepers to which something is to be acknowledged."""
-    holds: tuple[int, ...]
-    """Modules for which something is held."""
     says: tuple[int, ...] = ()
     """The numbers of the letters that it says until it is answered."""
 
@@ -71,8 +65,6 @@ class Seats:
         """Return the number of a keeper's state."""
         for pending in _attempts(keeper):
             pending.age, pending.due = 0, LEASE_TICKS
-        for hold in keeper._holds.values():
-            hold.left = _LEFT
         for unsettled in keeper._unsettled.values():
             unsettled.age = 0
         keeper._owed_age, keeper.refused = 0, 0
@@ -86,15 +78,11 @@ class Seats:
             key = key, _memory(self._back(keeper))  # a crash may come
         number = self._numbers.setdefault((keeper.me, key), len(self.all))
         if number == len(self.all):
-            seat = Seat(
-                keeper,
-                tuple(_waits(keeper)),
-                not keeper.busy,
-                tuple(keeper._owed),
-                tuple(keeper._holds),
-            )
+            seat = Seat(keeper, tuple(_waits(keeper)), not keeper.busy, tuple(keeper._owed))
             self.all.append(seat)
             check_keeper(keeper)
+            if self._scenario.faults.keeper:
+                self._check_compacted(keeper)
             seat.says = tuple(sorted(self._said_again(keeper)))
         return number
 
@@ -112,6 +100,12 @@ class Seats:
     def _back(self, keeper: Keeper) -> Keeper:
         """Return a keeper that has come back from the journal of another."""
         return self._kind(keeper.me, self._scenario.scene, self._tiles, deepcopy(keeper._journal))
+
+    def _check_compacted(self, keeper: Keeper) -> None:
+        """Check that a keeper comes back from a compacted journal as from the whole."""
+        back, copy = self._back(keeper), self._back(keeper)
+        copy._journal.compact(copy._compacted(copy.commits))
+        assert _memory(self._back(copy)) == _memory(back), "compacted, it says something else"
 
     def _copied(self, keeper: Keeper) -> Keeper:
         fixed = (keeper._system, keeper._tiles, self._scenario.scene)
@@ -147,11 +141,6 @@ class Seats:
                 keeper._owed = {about: keeper._owed[about]}
                 keeper.tick()
                 keeper._owed = rest
-            case "expire":
-                keeper._holds[about].left = 1
-                keeper._owed, rest = {}, keeper._owed
-                keeper.tick()
-                keeper._owed = rest
             case _:
                 assert kind == "crash"
         records = keeper._journal.all[before:]  # type: ignore[attr-defined]
@@ -185,12 +174,7 @@ def _memory(keeper: Keeper) -> object:
                     for module, last in sorted(keeper._last.items())
                 ],
                 [keeper._prepared[module].passed for module in sorted(keeper._prepared)],
-                [
-                    each.asked if isinstance(each, _Hold) else each.passed
-                    for each in keeper._waiting.values()
-                ],
-                [keeper._holds[module].asked for module in sorted(keeper._holds)],
-                sorted(keeper._asked.items()),
+                [each.passed for each in keeper._waiting.values()],
                 [
                     (name, each.decision, sorted(each.owing))
                     for name, each in sorted(keeper._unsettled.items())
@@ -212,43 +196,30 @@ def vars_of(units: dict[Site, Any]) -> Iterator[tuple[Site, tuple[int, ...]]]:
 def _attempts(keeper: Keeper) -> Iterator[_Pending]:
     """Yield the attempts that are prepared or wait."""
     yield from keeper._prepared.values()
-    for each in keeper._waiting.values():
-        if isinstance(each, _Pending):
-            yield each
+    yield from keeper._waiting.values()
 
 
-def _share(keeper: Keeper, each: _Pending | _Hold) -> Share:
-    return each.share if isinstance(each, _Hold) else each.plan.shares[keeper.me]
+def _share(keeper: Keeper, each: _Pending) -> Share:
+    return each.plan.shares[keeper.me]
 
 
-def _name(each: _Pending | _Hold) -> Name:
-    """Return the name of an attempt; what is held has negative ones."""
-    if isinstance(each, _Hold):
-        return ~each.asked.module, each.asked.epoch, each.asked.number
+def _name(each: _Pending) -> Name:
     return name_of(each.passed.attempt)
 
 
 def _waits(keeper: Keeper) -> Iterator[tuple[Name, Name]]:
-    """Yield who waits at a keeper for whom, by the definition of a conflict.
-
-    Nobody waits for what is held for the same module, nor, while that is held, for who waits.
-    """
-    line: list[_Pending | _Hold] = []
+    """Yield who waits at a keeper for whom, by the definition of a conflict."""
+    before = [*keeper._prepared.values()]
     for waiting in keeper._waiting.values():
         mine, share = _name(waiting)[0], _share(keeper, waiting)
-        before = [*keeper._holds.values(), *(() if mine in keeper._holds else line)]
-        for other in keeper._prepared.values():
-            same = other.owner == mine
-            if same or share.conflicts(_share(keeper, other)):
+        for other in before:
+            if _name(other)[0] == mine or share.conflicts(_share(keeper, other)):
                 yield _name(waiting), _name(other)
-        for each in before:
-            if each.owner != ~mine and share.conflicts(_share(keeper, each)):
-                yield _name(waiting), _name(each)
-        line.append(waiting)
+        before.append(waiting)
 
 
 def check_keeper(keeper: Keeper) -> None:
-    """Check that locks are those of what is prepared or held, and that nobody waits for nothing."""
+    """Check that locks are those of what is prepared, and that nobody waits for nothing."""
     exclusive: dict[object, int] = {}
     shared: dict[object, set[int]] = {}
     for module, pending in keeper._prepared.items():
@@ -259,12 +230,7 @@ def check_keeper(keeper: Keeper) -> None:
         for lock in share.shared:
             shared.setdefault(lock, set()).add(module)
     assert not exclusive.keys() & shared.keys(), "held exclusively, and shared"
-    for module, hold in keeper._holds.items():
-        for lock in hold.share.exclusive:
-            owner = exclusive.setdefault(lock, ~module)
-            assert owner in {module, ~module}, "held for one, and locked by another"
-            assert shared.get(lock, set()) <= {module}, "held for one, and relied on by another"
-    assert exclusive == keeper._exclusive, "other locks than of what is prepared or held"
+    assert exclusive == keeper._exclusive, "other locks than of what is prepared"
     assert shared == {lock: {*held} for lock, held in keeper._shared.items()}, "other locks"
     for_something = {one for one, _ in _waits(keeper)}
     assert for_something == {*map(_name, keeper._waiting.values())}, "somebody waits for nothing"

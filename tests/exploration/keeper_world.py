@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple, TypeAlias
 
-from cubepath.agents.keepers.journal import Committed, Record
+from cubepath.agents.keepers.journal import Record, commit_in
 from cubepath.agents.keepers.keeper import Keeper, name_of
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
@@ -19,17 +19,13 @@ from cubepath.protocol.wire.free_messages import (
     EnterRequest,
     Forwarded,
     Forwards,
-    Held,
-    Hold,
     Inquiry,
     Replies,
     Settled,
 )
 from cubepath.protocol.wire.keys import Tiles
 
-Part: TypeAlias = (
-    Attempt | EnterRequest | Forwarded | Decision | Inquiry | Settled | Entered | Hold | Held
-)
+Part: TypeAlias = Attempt | EnterRequest | Forwarded | Decision | Inquiry | Settled | Entered
 
 
 class Letter(NamedTuple):
@@ -75,29 +71,30 @@ class Log:
 
     def commit(self, serial: int) -> Commit:
         """Return the commit of this serial number, from 1."""
-        found = [each.decision.commit for each in self.all if isinstance(each, Committed)]
-        moved = found[serial - 1]
-        assert moved is not None
-        return moved
+        found = [moved for each in self.all for moved in [commit_in(each)] if moved is not None]
+        return next(moved for moved in found if moved.serial == serial)
+
+    @property
+    def grown(self) -> bool:
+        """Return that it is never compacted."""
+        return False
+
+    def compact(self, records: Iterable[Record]) -> None:
+        """Replace all records by these."""
+        self.all = tuple(records)
 
 
 class Module(NamedTuple):
     """What a module knows; in no phase but its own does it say anything."""
 
     phase: str
-    """entering, idle, holding, pending, or dead."""
+    """entering, idle, pending, or dead."""
     incarnation: int
     epoch: int
     number: int
     site: Site
     left: int
     """How many attempts it may still begin."""
-    holds: int = 0
-    """How often it may still begin to hold what it senses."""
-    hold: int = 0
-    """The number of what it last asked to hold."""
-    held: int = 0
-    """How many keepers hold for it, as far as it knows."""
     says: tuple[int, ...] = ()
     """The numbers of the letters that it says until it is answered."""
 
@@ -134,8 +131,6 @@ class Scenario:
     others: Callable[[int, Module], Iterable[Attempt]] = lambda *_: ()
     """Other attempts that it may make."""
     attempts: int = 1
-    holds: Mapping[int, int] = field(default_factory=dict)
-    """By module how often it may hold what it senses."""
     faults: Faults = Faults()  # noqa: RUF009 - a tuple
     enters: bool = False
     """Whether modules begin outside."""
@@ -143,7 +138,7 @@ class Scenario:
 
 def letters_of(keeper: Keeper) -> Iterator[Letter]:
     """Yield what a keeper has to say to others that are explored."""
-    for message in keeper.said():
+    for message in keeper.outgoing():
         if isinstance(message, Forwards):
             for part in message.parts:
                 yield Letter(keeper.me, message.to, part)
@@ -167,9 +162,7 @@ def words_of(letter: Letter) -> str:
 
     part = letter.part
     about: tuple[object, ...] = ()
-    if isinstance(part, Hold | Held):
-        about = part.module, part.epoch, part.number
-    elif not isinstance(part, Entered | EnterRequest):
+    if not isinstance(part, Entered | EnterRequest):
         about = name_of(part.attempt if isinstance(part, Forwarded) else part)
     if isinstance(part, Decision):
         about = (*about, part.reason or "committed")

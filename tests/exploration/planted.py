@@ -31,11 +31,11 @@ class Faultless:
 class _Twice(HostNode):
     """Keeps what comes twice as if it were two messages."""
 
-    def _hear(self, said: Bundle) -> list[Effect]:
-        if not self._awaits(said) or not self._inbox.knows(said):
-            return super()._hear(said)
-        self._judge.check(said)
-        self._inbox.keep(msgspec.structs.replace(said, number=said.number + 100))
+    def _hear(self, bundle: Bundle) -> list[Effect]:
+        if not self._awaits(bundle) or not self._inbox.knows(bundle):
+            return super()._hear(bundle)
+        self._judge.check(bundle)
+        self._inbox.keep(msgspec.structs.replace(bundle, number=bundle.number + 100))
         return self._try_to_begin()
 
 

@@ -1,6 +1,6 @@
 """Keepers with a bug each, which the simulator must find."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from cubepath.agents.keepers.attempts import AttemptPlan
@@ -98,6 +98,13 @@ class _Forgetful:
 
     def commit(self, serial: int) -> Commit:
         return self._journal.commit(serial)
+
+    @property
+    def grown(self) -> bool:
+        return self._journal.grown
+
+    def compact(self, records: Iterable[Record]) -> None:
+        self._journal.compact(records)
 
 
 class LogsNoPromise(Keeper):

@@ -1,11 +1,14 @@
 """The obvious enumeration of small state and shape complexes, to count what the paper counts."""
 
 from collections import Counter, deque
+from collections.abc import Iterable
+from operator import sub
+from typing import cast
 
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
+from cubepath.protocol.core.catalogue import Cell
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from oracles.cells import cell_of, cells_of
 
 Key = tuple[frozenset[Site], frozenset[Action]]
 ShapeKey = tuple[frozenset[Site], frozenset[frozenset[Site]]]
@@ -74,7 +77,7 @@ def f_vector(scene: Scene) -> list[int]:
 
 
 def shape_f_vector(scene: Scene) -> list[int]:
-    """Return the same for the shape complex: cubes up to translation of a planar lattice."""
+    """Return the same for the shape complex: cubes up to translation of a lattice of cells."""
     first = _normal(frozenset(scene.start))
     seen, queue = {first}, deque([first])
     cubes: set[ShapeKey] = set()
@@ -82,7 +85,8 @@ def shape_f_vector(scene: Scene) -> list[int]:
         state = queue.popleft()
         actions = actions_at(scene, state)
         for chosen in [(), *commuting_sets(actions)]:
-            cubes.add(_shape_key(state, chosen))
+            if all(map(scene.system.legal, corners(state, chosen))):
+                cubes.add(_shape_key(state, chosen))
         for action in actions:
             after = _normal(apply(action, state))
             if after not in seen:
@@ -97,8 +101,8 @@ def _normal(state: State) -> frozenset[Site]:
 
 
 def _shifted(sites: State, origin: Site) -> frozenset[Site]:
-    left, low = cell_of(origin)
-    return frozenset((q - left, r - low) for q, r in cells_of(sites))
+    cells, first = cast("Iterable[Cell]", sites), cast("Cell", origin)
+    return frozenset(tuple(map(sub, cell, first)) for cell in cells)
 
 
 def _shape_key(state: State, chosen: tuple[Action, ...]) -> ShapeKey:

@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable
 from functools import cache
 from itertools import combinations
+from operator import add, sub
 from typing import Any, NamedTuple
 
 Site = Hashable
@@ -107,16 +108,21 @@ class System:
         yield from self.by_site.get(site, ())
         for name, table in self.generators.items():
             for cell in table["support"]:
-                if isinstance(site, tuple) and list(site[2:]) == cell[2:]:
-                    found = self._placed(name, (site[0] - cell[0], site[1] - cell[1]))
+                size = self.dimension
+                if isinstance(site, tuple) and list(site[size:]) == cell[size:]:
+                    by = tuple(map(sub, site[:size], cell))
+                    found = self._placed(name, by)
                     if found is not None:
                         yield found
 
     generators: dict[str, dict[str, Any]] = {}  # noqa: RUF012 - of a system that is no lattice
     workspace: State | None = None
+    dimension = 2
 
     def _lattice(self, table: dict[str, Any]) -> None:
         need(not table.get("connected"), "not local")
+        if table["name"] in ("cubes", "dodecahedra", "cube-edges"):
+            self.dimension = 3
         self.generators = {each["name"]: each for each in table["generators"]}
         self.filled = frozenset(sites_of(table.get("filled", [])))
         self.empty = frozenset(sites_of(table.get("empty", [])))
@@ -126,7 +132,7 @@ class System:
     @cache  # noqa: B019 - there are few systems
     def _placed(self, name: str, at: Any) -> Action | None:
         def place(cell: list[int]) -> Site:
-            return (cell[0] + at[0], cell[1] + at[1], *cell[2:])
+            return (*map(add, cell, at), *cell[self.dimension :])
 
         found = action_of(self.generators[name], place)
         there = self.workspace is None or found.support <= self.workspace

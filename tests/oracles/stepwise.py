@@ -47,7 +47,7 @@ def together(
         actions[wild] = random.integers(-2, mask.shape[2] + 2, int(wild.sum()))
         speaks = random.random(actions.shape) < 0.3
         notes = random.integers(-9, 9, (*actions.shape, note_length), dtype=np.int32)
-        outcomes = batch.step(actions, told=(speaks, notes))
+        outcomes = batch.step(actions, spoken=(speaks, notes))
         for number, world in enumerate(worlds):
             said = {
                 module: tuple(notes[number, module].tolist())

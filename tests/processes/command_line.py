@@ -51,8 +51,11 @@ def refused(*arguments: str) -> str:
 def in_shell(line: str, **keywords: Any) -> subprocess.CompletedProcess[str]:
     """Run a line of bash in which ``cubepath`` is the command."""
     given: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | keywords
+    path, python = map(
+        shlex.quote, (str(Path(__file__).parent / "bin"), f"PYTHON={sys.executable}")
+    )
     return subprocess.run(
-        ["/bin/bash", "-c", f'cubepath() {{ {shlex.join(PYTHON)} "$@"; }}; {line}'],
+        ["/bin/bash", "-c", f"export {python} PATH={path}:$PATH; {line}"],
         text=True,
         timeout=100,
         check=False,

@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,10 +14,12 @@ ENOUGH_S = 60.0
 class Running(Command):
     """One command of cubepath."""
 
-    def __init__(self, folder: Path, arguments: tuple[str, ...]) -> None:
-        """Start it in a folder, which temporary files go to as well."""
+    def __init__(
+        self, folder: Path, arguments: tuple[str, ...], within: Sequence[str] = ()
+    ) -> None:
+        """Start it in a folder, which temporary files go to as well; `within` comes before it."""
         super().__init__(
-            [sys.executable, "-m", "cubepath.coordinator", *arguments],
+            [*within, sys.executable, "-m", "cubepath.coordinator", *arguments],
             name=arguments[0],
             cwd=folder,
             env={"TMPDIR": str(folder), "CUBEPATH_PROGRESS": "0"},

@@ -148,7 +148,7 @@ class Vehicle:
 
 if __name__ == "__main__":
     settings = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}}
-    ask = {"modules": [int(sys.argv[2])], "joiner": f"own {sys.argv[2]}", "protocol": 4}
+    ask = {"modules": [int(sys.argv[2])], "joiner": f"own {sys.argv[2]}", "protocol": 5}
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as opened:
         while True:
             for token in opened.liveliness().get("cubepath/*/alive/coordinator", timeout=2.0):

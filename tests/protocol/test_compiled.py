@@ -4,6 +4,7 @@ import os
 import pickle
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -215,6 +216,15 @@ def test_what_else_is_imported_makes_no_difference(tmp_path: Path) -> None:
     room = installation(tmp_path, "tree")
     assert room.call("outer") == (71, False)
     assert room.call("unrelated", "fields", "outer") == (71, True)
+
+
+@pytest.mark.thorough
+def test_two_processes_compile_a_function_once(tmp_path: Path) -> None:
+    """The one that comes second waits, and loads what the first has kept."""
+    room = installation(tmp_path, "tree")
+    with ThreadPoolExecutor() as pool:
+        found = list(pool.map(room.call, ["outer", "outer"]))
+    assert sorted(found) == [(71, False), (71, True)]
 
 
 @pytest.mark.thorough

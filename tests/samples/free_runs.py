@@ -17,7 +17,7 @@ from cubepath.agents.local.random_streams import RULE, stream
 from cubepath.agents.rules.actor import Actor, attempt_of
 from cubepath.agents.rules.rule import InitialKnowledge, RuleType
 from cubepath.agents.rules.uniform import RANDOM
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.verification.findings import Verification
@@ -36,7 +36,6 @@ from cubepath.protocol.wire.free_messages import (
     Forwards,
     FreeMessage,
     Halted,
-    Held,
     PlaceState,
     Replies,
     Requests,
@@ -161,7 +160,7 @@ class FreeRun:
 
     def _hear_keepers(self) -> None:
         for keeper in self.keepers:
-            for message in keeper.said():
+            for message in keeper.outgoing():
                 self.moves += isinstance(message, Commit) and message.generator is not None
                 if isinstance(message, Commit | CommitLog):
                     self.put_on_record(message)
@@ -178,8 +177,7 @@ class FreeRun:
                     self.keepers[message.to].hear(message.keeper, said)
             case Replies():
                 for told in message.parts:
-                    if not isinstance(told, Held):  # nobody asks for that here
-                        self._told(told)
+                    self._told(told)
             case TileUpdate():
                 self._shown(message)
             case _:

@@ -1,4 +1,4 @@
-from cubepath.coordinator.auditing.playing import audit as audit
+from cubepath.coordinator.auditing.rule_audit import audit as audit
 from cubepath.coordinator.experiments.instances import standard as standard
 from cubepath.coordinator.experiments.report import SweepReport as SweepReport
 from cubepath.coordinator.experiments.sweeping import read_sweep as read_sweep, sweep as sweep
@@ -6,9 +6,9 @@ from cubepath.coordinator.normal_form.certificate import certificate_of as certi
 from cubepath.coordinator.normal_form.definitions import end_state as end_state
 from cubepath.coordinator.normal_form.heap import normal_cube_path as normal_cube_path
 from cubepath.coordinator.normal_form.timetable import earliest as earliest
-from cubepath.coordinator.playback.comparing import ReplayResult as ReplayResult
 from cubepath.coordinator.playback.machine import PlayerStatus as PlayerStatus
 from cubepath.coordinator.playback.player import Player as Player, replay as replay
+from cubepath.coordinator.playback.replay_comparison import ReplayResult as ReplayResult
 from cubepath.coordinator.runs.asking import ask as ask
 from cubepath.coordinator.runs.contents import info as info
 from cubepath.coordinator.runs.continuing import what_if as what_if
@@ -59,12 +59,12 @@ from cubepath.coordinator.theory.search.exact import optimum as optimum
 from cubepath.coordinator.theory.search.hexagon_plan import hexagon_plan as hexagon_plan
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound as lower_bound
 from cubepath.coordinator.theory.search.transitions import only_class as only_class
-from cubepath.coordinator.tools.comparison.comparing import diff as diff
-from cubepath.coordinator.tools.comparison.told import RunComparison as RunComparison
+from cubepath.coordinator.tools.comparison.results import RunComparison as RunComparison
+from cubepath.coordinator.tools.comparison.run_comparison import diff as diff
 from cubepath.coordinator.tools.exports.exporting import export as export
-from cubepath.coordinator.tools.live.remote_pages import watch_run as watch_run
+from cubepath.coordinator.tools.live.remote_pages import RemoteRunPage as RemoteRunPage
 from cubepath.coordinator.tools.live.watching import LivePage as LivePage
-from cubepath.coordinator.tools.recorder.recorder import record as record
+from cubepath.coordinator.tools.recorder.recorder import Recorder as Recorder
 from cubepath.coordinator.tools.viewing.pages import (
     page_document as page_document,
     run_page as run_page,

@@ -56,7 +56,12 @@ COMMANDS = {
         "check that a rule uses only local information and is reproducible",
     ),
     "system list": ("commands.rule", "list the systems with their keys and defaults"),
-    "system new": ("commands.new", "begin a distribution with a system of your own"),
+    "system new": ("commands.new", "begin a page, or a distribution, with a system of your own"),
+    "system check": (
+        "theory.commands.catalogue",
+        "find the mistakes in a system on a page, and say what its moves are like",
+    ),
+    "system show": ("theory.commands.catalogue", "draw the moves of a system, before and after"),
     "host router": ("commands.host", "route for runs on several hosts, until interrupted"),
     "host certificates": ("commands.host", "make an authority and certificates for secure runs"),
 }
@@ -65,7 +70,7 @@ COMMANDS = {
 GROUPS = {
     "log": "recordings: show, record, cut, export and recover them",
     "rule": "rules: list and check them, begin one of your own",
-    "system": "systems: list them, begin one of your own",
+    "system": "systems: list, check and draw them, begin one of your own",
     "host": "runs on several hosts: a router, certificates",
 }
 """Each first word that several commands share, with its line."""
@@ -73,7 +78,7 @@ GROUPS = {
 _FUNCTIONS = {
     "add_live_options": "tools.commands.live",
     "add_proof_options": "theory.commands.optimality_proofs",
-    "diff": "tools.comparison.comparing",
+    "diff": "tools.comparison.run_comparison",
     "facts_of": "theory.scene_facts",
     "is_of_a_proof": "theory.commands.optimality_proofs",
     "lower_bound": "theory.search.lower_bounds",

@@ -11,6 +11,7 @@ from cubepath.protocol.core.catalogue import (
     SQUARES as SQUARES,
     Catalogue as Catalogue,
     Generator as Generator,
+    Lattice as Lattice,
     Move as Move,
 )
 from cubepath.protocol.core.errors import (
@@ -19,13 +20,7 @@ from cubepath.protocol.core.errors import (
     InputError as InputError,
 )
 from cubepath.protocol.core.sites import Site as Site
-from cubepath.protocol.core.system import (
-    EMPTY as EMPTY,
-    FILLED as FILLED,
-    Scene as Scene,
-    System as System,
-    Ways as Ways,
-)
+from cubepath.protocol.core.system import Scene as Scene, System as System, Ways as Ways
 from cubepath.protocol.file_forms import read_plan as read_plan
 from cubepath.protocol.path_files.following import (
     read_following as read_following,
@@ -55,7 +50,6 @@ from cubepath.protocol.recordings.recording import (
     read_recording as read_recording,
 )
 from cubepath.protocol.recordings.writing import RecordingWriter as RecordingWriter
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue as hex_catalogue
 from cubepath.protocol.scenes.registry import Family as Family
 from cubepath.protocol.scenes.specs import scene_from_spec as scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene as read_scene, scene_to_toml as scene_to_toml

@@ -8,9 +8,12 @@ loaded; until then the same functions do small work in plain Python, see `Compil
 Source: https://numba.readthedocs.io, "Compiling Python code with @jit" and "Notes on Caching".
 """
 
+import fcntl
 import inspect
-from collections.abc import Callable, Iterator
-from contextlib import suppress
+import os
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import update_wrapper
 from hashlib import sha256
 from operator import index
@@ -27,12 +30,14 @@ _Result = TypeVar("_Result")
 
 PLAIN_STEPS = 300_000
 """Steps in plain Python that take about as long as importing numba and loading what is kept."""
+_WAIT_S_MAX = 60.0
+"""Seconds that a process waits for another one that compiles the same function."""
 
 
 class Allowance:
     """How many steps this process may still make in plain Python, for all functions together.
 
-    The first work that exceeds what is left uses it up; from then on everything runs as compiled
+    The first work that exceeds the rest uses it up; from then on everything runs as compiled
     code. So the time spent in plain Python never much exceeds the time to load the compiled code.
     """
 
@@ -213,6 +218,7 @@ class Compiled(Generic[_Arguments, _Result]):
                 found = njit(self._function)
             else:
                 _keep_until_a_callee_changes(found, _stamp(self._function.__module__))
+                _compile_in_one_process(found)
             self._dispatcher = found
         return self._dispatcher
 
@@ -249,6 +255,47 @@ def _keep_until_a_callee_changes(dispatcher: Any, stamp: str) -> None:
             save(*arguments)
 
     kept.load_overload, kept.save_overload = load_if_possible, save_if_possible
+
+
+def _compile_in_one_process(dispatcher: Any) -> None:
+    """Make other processes that need a function wait for the one that compiles it, and load it."""
+    kept = dispatcher._cache  # noqa: SLF001 - numba has no public access to its cache
+    lock = Path(f"{kept._cache_file._index_path}.lock")  # noqa: SLF001
+    load, compile_or_load = kept.load_overload, dispatcher.compile
+    held = ExitStack()
+
+    def load_or_wait(*arguments: Any) -> Any:
+        found = load(*arguments)
+        if found is None:
+            held.enter_context(_locked(lock))
+            found = load(*arguments)
+        return found
+
+    def compile_and_release(signature: Any) -> Any:
+        with held:
+            return compile_or_load(signature)
+
+    kept.load_overload, dispatcher.compile = load_or_wait, compile_and_release
+
+
+@contextmanager
+def _locked(path: Path) -> Generator[None]:
+    """Hold the lock of a file; go without where it cannot be had, or not within `_WAIT_S_MAX`."""
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+    except OSError:
+        yield
+        return
+    try:
+        last = time.monotonic() + _WAIT_S_MAX
+        while time.monotonic() < last:
+            with suppress(BlockingIOError):
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            time.sleep(0.02)
+        yield
+    finally:
+        os.close(file)
 
 
 def compiled(function: Callable[_Arguments, _Result]) -> Compiled[_Arguments, _Result]:

@@ -10,7 +10,16 @@ from cubepath.agents.arrays import batch
 from cubepath.agents.arrays.batch import Batch
 from cubepath.agents.arrays.tables import UntabledError
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import EDGES, SQUARES, Catalogue, Cell, Generator, Move
+from cubepath.protocol.core.catalogue import (
+    EDGES,
+    LATTICES,
+    SQUARES,
+    Catalogue,
+    Cell,
+    Generator,
+    Lattice,
+    Move,
+)
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -104,7 +113,7 @@ def test_places_that_were_left_behind_are_forgotten(
 ) -> None:
     """A long run takes no more memory than where its modules are, and nobody can tell."""
     monkeypatch.setattr(batch, "PLACES_MAX", 4)
-    monkeypatch.setattr(batch, "PLACES_EACH", 0)
+    monkeypatch.setattr(batch, "PLACES_GROWTH", 0)
     scene = scene_from_spec(spec)
     counted = together(scene, [1, 2], 25, note_length=1)
     assert counted.batch.forgotten > 1
@@ -245,6 +254,19 @@ def test_cells_of_an_orbit_without_moves() -> None:
     system = LatticeSystem(Catalogue(EDGES, (along,)))
     scene = Scene("edges", "", system, ((0, 0, 0), (2, 0, 1), (5, 5, 1)))
     together(scene, [0], 10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lattice", LATTICES.values(), ids=LATTICES.keys())
+@pytest.mark.parametrize("modules", [3, 130])
+def test_tiles_of_every_lattice(lattice: Lattice, modules: int) -> None:
+    """Modules in a row sense beyond the next tile, on both sides of the origin."""
+    here = (0,) * lattice.arity
+    step, far = [lattice.shift(here, (k, k, 0)[: lattice.dimension]) for k in (1, -9)]
+    leap = Generator("leap", (here, step, far), (here, step), (here,), (step,), ((here, step),))
+    system = LatticeSystem(Catalogue(lattice, (leap,)))
+    cells = [lattice.shift(here, (4 * k - 60, 0, 0)[: lattice.dimension]) for k in range(modules)]
+    assert together(Scene("row", "", system, tuple(cells)), [2], 6, note_length=1).moves
 
 
 class Blind(GraphSystem):

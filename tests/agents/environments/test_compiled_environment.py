@@ -23,6 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
+from samples.space import SPACE
 from samples.strategies import SCENES
 
 
@@ -46,8 +47,9 @@ def plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
+@pytest.mark.few(7)
+@pytest.mark.parametrize("spec", ["hex:n=4", "agv-labelled", "assembly:n=3", *SPACE])
 @pytest.mark.parametrize("copy", [True, False])
-@pytest.mark.parametrize("spec", ["hex:n=4", "agv-labelled", "assembly:n=3"])
 def test_everything_that_is_returned_is_the_same(spec: str, *, copy: bool) -> None:
     """Over several episodes, with notes, for wrong actions and missing agents."""
     one = parallel_env(spec, max_cycles=25, note_length=2, world="plain")
@@ -73,7 +75,7 @@ def test_everything_that_is_returned_is_the_same(spec: str, *, copy: bool) -> No
 def test_the_same_when_places_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     """Relative observations, and the moves of a round that is asked for later."""
     monkeypatch.setattr(batch, "PLACES_MAX", 4)
-    monkeypatch.setattr(batch, "PLACES_EACH", 0)
+    monkeypatch.setattr(batch, "PLACES_GROWTH", 0)
     test_relative_observations_are_the_same_to_the_last_bit("hex-open:n=4", copy=False)
     test_everything_that_is_returned_is_the_same("hex:n=4", copy=True)
 

@@ -14,6 +14,7 @@ from cubepath.agents.environments.free_environment import FreeEnv, UnfairOrder, 
 from cubepath.agents.environments.free_world import FreeWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
+from samples.space import SPACE
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:Observation:UserWarning", "ignore:.*observation:UserWarning"
@@ -33,7 +34,7 @@ def free(spec: str = PATH, **arguments: Any) -> FreeEnv:
 @pytest.mark.few(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("scheduler", ["random", "unfair", "turns"])
-@pytest.mark.parametrize("spec", ["hex:n=4", "agv-labelled:graph=K5,n=3", "sliding"])
+@pytest.mark.parametrize("spec", ["hex:n=4", "agv-labelled:graph=K5,n=3", "sliding", *SPACE])
 def test_api(spec: str, scheduler: str) -> None:
     """PettingZoo's api_test passes, with notes and late views and without."""
     make = partial(env, spec, clock="free", scheduler=scheduler, max_cycles=20)

@@ -75,7 +75,7 @@ def test_moves_are_named_by_the_tables_that_they_were_made_with(
     scene = scene_from_spec("hex-open:n=6")
     expected = play_many(scene, RANDOM, [1, 2], max_rounds=40, keep_moves=True).made
     monkeypatch.setattr(batch, "PLACES_MAX", 0)
-    monkeypatch.setattr(batch, "PLACES_EACH", 1)
+    monkeypatch.setattr(batch, "PLACES_GROWTH", 1)
     forgotten: list[int] = []
     forget = batch.Batch._forget
 

@@ -91,6 +91,7 @@ def played(env: CubepathVectorEnv, rounds: int, seed: int) -> list[str]:
     return found
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("spec", SPECS)
 @pytest.mark.parametrize("showing", ["absolute", "relative"])
 def test_many_environments_continue_bit_for_bit(spec: str, showing: Any) -> None:

@@ -90,7 +90,7 @@ SOME = some(SPECS, ("agv:graph=grid4x4,n=8",))
     ("spec", "seeds"),
     [
         ("agv:graph=grid4x4,n=8", 4),
-        *(pytest.param(spec, 8, marks=pytest.mark.thorough) for spec in SPECS[1::2]),
+        *(pytest.param(spec, 4, marks=pytest.mark.thorough) for spec in SPECS[1::2]),
     ],
 )
 def test_same_seed_same_path_over_many_seeds(spec: str, seeds: int) -> None:
@@ -288,11 +288,11 @@ def test_a_killed_process_is_named_and_the_others_end() -> None:
 def test_processes_end_properly_when_they_are_told_to() -> None:
     """After a run every module process has ended by itself, with exit code 0."""
     scene = scene_from_spec("hex:n=3")
-    with LockstepFleet(scene, "random", processes=3, sink=lambda *_: None) as fleet:
+    with LockstepFleet(scene, "random", processes=2, sink=lambda *_: None) as fleet:
         children = list(fleet._children.by_name.values())
         for _ in fleet.rounds(3):
             pass
-    assert [child.returncode for child in children] == [0, 0, 0]
+    assert [child.returncode for child in children] == [0, 0]
 
 
 @pytest.mark.slow

@@ -43,6 +43,7 @@ def reached(run: RunUnderTest) -> RunLog:
     return log
 
 
+@pytest.mark.thorough
 def test_modules_reach_the_goal_and_each_move_is_told_once(cubepath_run: RunFixture) -> None:
     log = reached(cubepath_run(CHAIN, **FREE))
     commits = log.messages("commit")

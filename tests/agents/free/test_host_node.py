@@ -14,12 +14,14 @@ from cubepath.protocol.wire.free_messages import (
     Halted,
     Requests,
     RetransmitRange,
+    Turn,
+    Turns,
     decode_free,
     free_key,
 )
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Go, encode
-from cubepath.protocol.wire.nodes import Effect, Node, Put
+from cubepath.protocol.wire.nodes import Effect, End, Node, Put, Timer
 
 
 def host(scene: Scene, incarnation: int) -> FreeHostNode:
@@ -54,6 +56,12 @@ def parts(put: Put) -> list[object]:
     return [*message.parts] if isinstance(message, Requests) else []
 
 
+def turns(put: Put) -> list[Turn]:
+    """Return what a rule was asked."""
+    message = decoded(put)
+    return message.parts if isinstance(message, Turns) else []
+
+
 def attempting(node: FreeHostNode, keeper: KeeperNode) -> list[Put]:
     """Start a process, and let it go on until its module attempts something; return that."""
     said = puts(node.start())
@@ -78,6 +86,19 @@ def test_a_refusal_of_an_earlier_epoch_is_none_of_this_one() -> None:
     assert keeper.keeper.commits == 1
 
 
+def test_a_process_ends_when_another_has_taken_its_place() -> None:
+    """It learns that by the answer to its next attempt, and says nothing more."""
+    scene = scene_from_spec("agv:graph=grid4x4,n=1")
+    keeper = KeeperNode(Keeper(0, scene, Tiles(scene.system, 1), MemoryJournal()), "run", [[0]])
+    before, after = host(scene, 1), host(scene, 2)
+    late = attempting(before, keeper)
+    attempting(after, keeper)
+    (answer,) = tell(keeper, late)
+    assert before.receive(answer.key, answer.data) == [Timer(None), End()]
+    assert before.superseded
+    assert not after.superseded
+
+
 def test_both_say_again_what_they_are_asked_for() -> None:
     """Byte for byte, and what it is said to takes it as it takes what is doubled."""
     scene = scene_from_spec("agv:graph=grid4x4,n=1")
@@ -95,6 +116,24 @@ def test_both_say_again_what_they_are_asked_for() -> None:
         assert puts(sender.receive(free_key("run", asked), encode(asked))) == due[1:]
     tell(node, tell(keeper, [*own, *own]))
     assert keeper.keeper.commits == 1
+
+
+def test_modules_act_once_on_all_that_has_arrived() -> None:
+    """However many messages tell of it: one message to the keeper, and one to the recorder."""
+    scene = scene_from_spec("agv:graph=grid4x4,n=8")
+    keeper = KeeperNode(
+        Keeper(0, scene, Tiles(scene.system, 1), MemoryJournal()), "run", [list(range(8))]
+    )
+    node = FreeHostNode(
+        FreeProcessConfig("", "run", 0, list(range(8)), 1, 1, "", "random", 3), scene
+    )
+    said = puts(node.start())
+    while keeper.keeper.commits < 50:
+        heard = [(put.key, put.data) for put in tell(keeper, said)]
+        said = puts(node.receive_all(heard)) or puts(node.tick())
+        choices = [turn.module for put in said for turn in turns(put)]
+        assert sorted({*choices}) == sorted(choices)
+        assert len(said) <= 2
 
 
 def test_modules_that_were_halted_go_on_when_nobody_says_so_again() -> None:

@@ -2,16 +2,23 @@
 
 from dataclasses import replace
 from math import inf
+from typing import Any
 
-from cubepath.agents.free.mover import Mover
+import pytest
+
+from cubepath.agents.free.config import OwnMove
+from cubepath.agents.free.mover import AGAIN_S, THINK_S, Mover, Pace
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.local.observation import View
-from cubepath.agents.rules.rule import FreeRule
+from cubepath.agents.local.random_streams import HESITATE, stream
+from cubepath.agents.rules.rule import Choice, FreeRule
 from cubepath.agents.rules.uniform import RANDOM
+from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Attempt,
+    Commit,
     Decision,
     Entered,
     EnterRequest,
@@ -20,27 +27,64 @@ from cubepath.protocol.wire.free_messages import (
     TileUpdate,
 )
 from cubepath.protocol.wire.keys import Tiles
+from exploration.keeper_world import Dealt
 
 SCENE = scene_from_spec("agv:graph=S3,n=1")
 SITE = SCENE.start[0]
 TILES = Tiles(SCENE.system, 1)
 
 
-def _pending(epoch: int) -> tuple[Mover, Sensing, Attempt]:
-    """Return a module of an epoch that has just sent its first attempt."""
-    rule = replace(RANDOM, free=FreeRule("it relies on nothing"))
-    mover = Mover(SCENE, TILES, rule, 0, incarnation=epoch, seed=1)
+def _moves_on(view: View) -> int:
+    return int(view.mask.nonzero()[0][-1])
+
+
+def _alone(epoch: int, pace: Pace) -> tuple[Mover, Sensing]:
+    """Return a module that has just entered, and moves wherever it can."""
+    rule = replace(RANDOM, make=lambda _: _moves_on, free=FreeRule("it relies on nothing"))
+    mover = Mover(SCENE, TILES, rule, 0, incarnation=epoch, seed=1, pace=pace)
     sensing = Sensing(SCENE.system, TILES)
     (tile,) = mover.needs
     sensing.need([tile], 0.0)
     sensing.take(TileUpdate(0, tile, 0, [PlaceState(SITE, 0, SITE, 0)], whole=True), 0.0)
     assert mover.step(0.0, sensing) == [(0, EnterRequest(0, epoch))]
     mover.entered(Entered(epoch, SITE, Occupant(0, epoch, epoch, 0, [], 0)), 0.0)
-    for now in range(100):
-        for _, asked in mover.step(float(now), sensing):
-            assert isinstance(asked, Attempt)
-            return mover, sensing, asked
-    raise AssertionError("it chose to stay")
+    return mover, sensing
+
+
+def _pending(epoch: int) -> tuple[Mover, Sensing, Attempt]:
+    """Return a module of an epoch that has just sent its first attempt."""
+    mover, sensing = _alone(epoch, Pace())
+    ((_, asked),) = mover.step(0.0, sensing)
+    assert isinstance(asked, Attempt)
+    return mover, sensing, asked
+
+
+def test_what_changes_while_it_thinks_lets_it_choose_again() -> None:
+    """It attempts nothing that it knows to be refused, and thinks anew."""
+    mover, sensing = _alone(1, Pace(1.0))
+    assert mover.step(0.0, sensing) == []
+    assert (mover.state, mover.due_s) == ("thinking", THINK_S)
+    attempt = mover._attempt
+    assert attempt is not None
+    (target,) = [unit for unit, _ in attempt.sensed if unit != SITE]
+    sensing.know([PlaceState(target, 1, target, 7, [], 1)])
+    assert mover.step(THINK_S, sensing) == []
+    assert (mover.state, mover.due_s) == ("thinking", 2 * THINK_S)
+    ((_, asked),) = mover.step(2 * THINK_S, sensing)
+    assert isinstance(asked, Attempt)
+    assert target not in dict(asked.sensed)
+
+
+def test_who_is_halted_while_it_thinks_gives_that_up() -> None:
+    """It asks nobody, rests, and chooses anew when it continues."""
+    mover, sensing = _alone(1, Pace(1.0))
+    mover.step(0.0, sensing)
+    mover.halted = True
+    assert mover.step(0.0, sensing) == []
+    assert mover.rests
+    mover.halted = False
+    mover.step(2.0, sensing)
+    assert mover.state == "thinking"
 
 
 def test_only_the_decision_of_this_very_attempt_is_its_outcome() -> None:
@@ -109,3 +153,241 @@ def test_what_was_shown_before_an_answer_that_came_late_is_known() -> None:
         assert mover.site == third
         mover.entered(Entered(1, second, Occupant(0, 1, 1, 0, [], 3 if again else 1)), 0.0)
         assert mover.site == (second if again else third)
+
+
+PATH = scene_from_spec("agv:graph=P3,n=3")
+FIRST, SECOND, THIRD = PATH.start
+PATH_TILES = Tiles(PATH.system, 1)
+AT_ONCE = Pace()
+
+
+def _entered(
+    choose: Any = None, *, alone: bool = True, pace: Pace = AT_ONCE, seed: int = 1, **other: Any
+) -> tuple[Mover, Sensing]:
+    """Return the module in the middle of a path that has entered, with or without neighbours."""
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing", lambda _: choose, lambda _: 1))
+    mover = Mover(PATH, PATH_TILES, rule, 1, incarnation=1, seed=seed, pace=pace, **other)
+    sensing = Sensing(PATH.system, PATH_TILES)
+    (tile,) = mover.needs
+    sensing.need([tile], 0.0)
+    near = [] if alone else [PlaceState(at, 0, at, n, [n]) for n, at in ((0, FIRST), (2, THIRD))]
+    places = [PlaceState(SECOND, 0, SECOND, 1), *near]
+    sensing.take(TileUpdate(0, tile, 0, places, whole=True), 0.0)
+    mover.entered(Entered(1, SECOND, Occupant(1, 1, 1, 0, [], 0)), 0.0)
+    return mover, sensing
+
+
+def _commit(
+    mover: Mover, asked: Attempt, level: int, target: Site = THIRD, version: int = 1
+) -> None:
+    """Let its attempt be committed."""
+    motion = [(1, asked.site, target, version)] if asked.generator is not None else []
+    notes: list[tuple[Site, int, int, list[int] | None]] = [
+        (asked.site, 1, version, new) for _, _, new in asked.notes if new is not None
+    ]
+    moved = Commit(
+        0, 1, 1, 1, asked.number, 1, level, asked.generator, asked.at, motion=motion, notes=notes
+    )
+    mover.decided(Decision(1, 1, asked.number, commit=moved), 0.0)
+
+
+def _own(target: Site, after: list[tuple[Site, int, int | None]]) -> OwnMove:
+    """Return the move of a schedule from the middle of the path."""
+    (move,) = [m for m in PATH.system.moves(SECOND) if m is not None and m.target == target]
+    return OwnMove(GeneratorPlacement(move.generator, move.at), after)
+
+
+@pytest.mark.parametrize(
+    ("after", "begins"),
+    [
+        ([], True),
+        ([(THIRD, 2, 3)], True),
+        ([(THIRD, 2, None)], True),
+        ([(THIRD, 1, 3)], False),
+        ([(THIRD, 2, 2)], False),
+        ([(THIRD, 1, None)], False),
+        ([(SECOND, 0, 0), (THIRD, 2, 3)], True),
+        ([(SECOND, 0, 1)], False),
+    ],
+)
+def test_a_move_of_a_schedule_waits_for_those_before_it(
+    after: list[tuple[Site, int, int | None]], begins: bool
+) -> None:
+    """Until its units were written, and where it is said read, as often as they are to be."""
+    own = _own(THIRD, after)
+    mover, sensing = _entered(own=[own])
+    sensing.know([PlaceState(THIRD, 2, reads=[(THIRD, 2, 3)])])
+    asks = mover.step(0.0, sensing)
+    assert len(asks) == begins
+    for keeper, asked in asks:
+        assert keeper == 0
+        assert isinstance(asked, Attempt)
+        assert (asked.generator, asked.at) == (own.placed.generator, own.placed.at)
+        assert asked.after == after
+
+
+def test_a_schedule_ends_after_its_last_move() -> None:
+    """Nothing more is attempted, and what does not begin where it stands is not either."""
+    mover, sensing = _entered(own=[_own(THIRD, []), _own(FIRST, [])])
+    ((_, asked),) = mover.step(0.0, sensing)
+    assert isinstance(asked, Attempt)
+    _commit(mover, asked, 4)
+    sensing.know([PlaceState(SECOND, 1), PlaceState(THIRD, 1, THIRD, 1, [], 1)])
+    assert mover.step(9.0, sensing) == []
+    mover, sensing = _entered(own=[_own(THIRD, [])])
+    ((_, asked),) = mover.step(0.0, sensing)
+    assert isinstance(asked, Attempt)
+    _commit(mover, asked, 4, SECOND)  # it was taken back meanwhile
+    sensing.know([PlaceState(SECOND, 1, SECOND, 1, [], 1)])
+    assert mover.step(9.0, sensing) == []
+    assert mover.step(99.0, sensing) == []
+
+
+def _last(view: View) -> Choice:
+    return Choice(int(view.mask.nonzero()[0][-1]))
+
+
+def test_its_level_is_the_greatest_of_its_moves() -> None:
+    """A commit that only writes registers has none."""
+    mover, sensing = _entered(_last)
+    for version, level in enumerate((3, 0, 5), 1):
+        asks = mover.step(float(version), sensing)
+        (asked,) = [each for _, each in asks if isinstance(each, Attempt)]
+        _commit(mover, asked, level, SECOND, version)
+        sensing.know([PlaceState(SECOND, version, SECOND, 1, [], version)])
+        assert mover.level == max(3, level)
+
+
+def test_it_does_not_choose_before_its_own_change_is_shown() -> None:
+    """What it wrote into its register counts, too."""
+    notes: list[tuple[int, ...] | None] = []
+
+    def choose(view: View) -> Choice:
+        notes.append(view.register)
+        return Choice(note=(len(notes),))
+
+    mover, sensing = _entered(choose)
+    ((_, asked),) = mover.step(0.0, sensing)
+    assert isinstance(asked, Attempt)
+    assert asked.notes == [(SECOND, [], [1])]
+    _commit(mover, asked, 0)
+    assert mover.step(9.0, sensing) == []
+    assert notes == [None]
+    sensing.know([PlaceState(SECOND, 0, SECOND, 1, [1], 1)])
+    assert len(mover.step(99.0, sensing)) == 1
+    assert notes == [None, (1,)]
+
+
+def test_a_register_that_changes_while_it_thinks_lets_it_choose_again() -> None:
+    """As any other thing that it heeds."""
+    mover, sensing = _entered(
+        lambda view: Choice(note=(7,), heeds=tuple(view.notes)), alone=False, pace=Pace(1.0)
+    )
+    assert mover.step(0.0, sensing) == []
+    ((_, asked),) = mover.step(1.0, sensing)
+    assert isinstance(asked, Attempt)
+    mover.decided(Decision(1, 1, 1, reason="no"), 1.0)
+    assert mover.step(2.0, sensing) == []
+    assert mover.state == "thinking"
+    sensing.know([PlaceState(FIRST, 0, FIRST, 0, [9], 1)])
+    assert mover.step(3.0, sensing) == []
+    assert mover.state == "thinking"
+    assert [turn.number for turn in mover.turns] == [1, 2, 2]
+
+
+def test_what_it_relied_on_is_in_its_turn() -> None:
+    """Guards and what it heeds, for those who check its choice."""
+
+    def choose(view: View) -> Choice:
+        return Choice(int(view.mask.nonzero()[0][-1]), guards=(FIRST,), heeds=(FIRST,))
+
+    mover, sensing = _entered(choose, alone=False)
+    sensing.know([PlaceState(THIRD, 1)])
+    mover.step(0.0, sensing)
+    (turn,) = mover.turns
+    assert (turn.guards, turn.heeds) == ([FIRST], [FIRST])
+    assert (turn.site, turn.version, turn.number) == (SECOND, 0, 1)
+
+
+def test_it_chooses_again_when_something_changes_and_not_before() -> None:
+    """Or when it has rested, or need no longer halt; its turns are numbered."""
+    asked: list[Site] = []
+
+    def stay(view: View) -> Choice:
+        asked.append(view.site)
+        return Choice()
+
+    mover, sensing = _entered(stay)
+    for _ in range(2):
+        assert mover.step(0.0, sensing) == []
+        assert len(asked) == 1
+    mover.dirty = True
+    mover.step(0.0, sensing)
+    assert len(asked) == 2
+    mover.halted = True
+    mover.step(mover.due_s, sensing)
+    mover.halted = False
+    mover.step(0.0, sensing)
+    assert len(asked) == 3
+    mover.step(mover.due_s, sensing)
+    assert [turn.turn for turn in mover.turns] == [1, 2, 3, 4]
+
+
+def test_it_thinks_longer_by_its_jitter_and_says_nothing_meanwhile() -> None:
+    """By a share that it draws."""
+    mover, sensing = _entered(_last, pace=Pace(1.0, 0.5))
+    assert mover.step(0.0, sensing) == []
+    assert mover.step(THINK_S / 2, sensing) == []
+    assert THINK_S < mover.due_s < 1.5 * THINK_S
+
+
+def test_it_hesitates_by_a_stream_of_its_own() -> None:
+    """That of its seed and its number."""
+    mover, sensing = _entered(_last, seed=5, hesitate=0.5)
+    doubt = stream(5, 1, HESITATE)
+    for expected in (doubt.fraction() < 0.5 for _ in range(20)):
+        asks = mover.step(1e9, sensing)
+        assert bool(asks) is not expected
+        if asks:
+            (asked,) = [each for _, each in asks if isinstance(each, Attempt)]
+            mover.decided(Decision(1, 1, asked.number, reason="no"), 0.0)
+        mover.due_s = 0.0
+
+
+def test_an_attempt_is_repeated_less_and_less_often() -> None:
+    """The same again, until it is decided."""
+    mover, sensing, attempt = _pending(1)
+    begun_s = mover.due_s - AGAIN_S
+    for now, repeats in ((0.0, False), (AGAIN_S, True), (2 * AGAIN_S, False), (3 * AGAIN_S, True)):
+        found = mover.step(begun_s + now, sensing)
+        assert found == ([(0, attempt)] if repeats else [])
+    mover.decided(Decision(0, 1, 7, reason="of another"), 100.0)
+    mover.decided(Decision(0, 1, 1, reason="no"), 100.0)
+    mover.decided(Decision(0, 1, 1, reason="no"), 100.0)
+
+
+def test_an_answer_to_another_incarnation_is_none_to_this_one() -> None:
+    """It may come late, to a process that was started again."""
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing"))
+    mover = Mover(SCENE, TILES, rule, 0, incarnation=2, seed=1)
+    mover.entered(Entered(1, SITE, Occupant(0, 1, 1, 0, [], 0)), 0.0)
+    before = mover.state
+    mover.entered(Entered(2, SITE, Occupant(0, 2, 2, 0, [], 0)), 0.0)
+    assert (before, mover.state) == ("entering", "resting")
+
+
+def test_a_schedule_needs_no_more_than_what_is_sensed() -> None:
+    """Registers within reach tell it nothing, so they need not be shown."""
+    (move,) = [each for each in PATH.system.moves(FIRST) if each is not None]
+    own = OwnMove(GeneratorPlacement(move.generator, move.at), [])
+    tiles = Dealt(PATH.system, dict.fromkeys(PATH.start, 0))
+    mover = Mover(PATH, tiles, RANDOM, 0, incarnation=1, seed=1, own=[own])
+    sensing = Sensing(PATH.system, tiles)
+    sensing.need(sorted(mover.needs), 0.0)
+    assert THIRD in mover.near
+    for place, parts in ((FIRST, [PlaceState(FIRST, 0, FIRST, 0)]), (SECOND, [])):
+        sensing.take(TileUpdate(0, str(place), 0, parts, whole=True), 0.0)
+    mover.entered(Entered(1, FIRST, Occupant(0, 1, 1, 0, [], 0)), 0.0)
+    ((_, asked),) = mover.step(0.0, sensing)
+    assert isinstance(asked, Attempt)
+    assert asked.sensed == [(FIRST, FIRST), (SECOND, None)]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TypeAlias
 from zlib import crc32
 
+import msgspec
 import pytest
 
 from cubepath.agents.keepers.journal import (
@@ -126,6 +127,31 @@ def test_a_line_with_a_right_checksum_that_is_no_record_is_refused(
     text = b"1 " + body + b"[" * (9999 * deep)
     path.write_bytes(b"%08x %b\n" % (crc32(text), text))
     with pytest.raises(InputError, match="log: line 1 is damaged, expected a record"):
+        FileJournal(path, opened())
+
+
+@pytest.mark.parametrize("record", [*RECORDS, opened()], ids=lambda each: type(each).__name__)
+def test_a_field_that_is_none_of_its_kind_is_refused(
+    record: Record | Opened, tmp_path: Path
+) -> None:
+    """In any record: it was written by another program."""
+    path = tmp_path / "log"
+    with FileJournal(path, opened()):
+        before = int(path.read_bytes()[:8], 16)
+    text = b"2 " + msgspec.json.encode({**msgspec.to_builtins(record), "x": 1})
+    path.write_bytes(path.read_bytes() + b"%08x %b\n" % (crc32(text, before), text))
+    with pytest.raises(InputError, match="log: line 2 is damaged, expected a record"):
+        FileJournal(path, opened(2))
+
+
+@pytest.mark.parametrize(
+    ("digits", "why"), [(18, "has record 9"), (19, "damaged"), (5000, "damaged")]
+)
+def test_a_long_number_is_damage(digits: int, why: str, tmp_path: Path) -> None:
+    """No log has so many records, and Python reads no number of thousands of digits."""
+    path = tmp_path / "log"
+    path.write_bytes(b"00000000 %b {}\n" % (b"9" * digits))
+    with pytest.raises(InputError, match=f"log: line 1 .*{why}"):
         FileJournal(path, opened())
 
 
@@ -252,8 +278,8 @@ def test_a_commit_that_was_changed_since_is_noticed(tmp_path: Path) -> None:
 def test_a_full_disk_ends_a_keeper(tmp_path: Path) -> None:
     """With a line that says so; nothing was logged."""
     with FileJournal(tmp_path / "log", opened()) as journal:
-        journal._file.close()
-        journal._file = Path("/dev/full").open("r+b")  # noqa: SIM115 - closed with the journal
+        journal._log.file.close()
+        journal._log.file = Path("/dev/full").open("r+b")  # noqa: SIM115 - closed with the journal
         with pytest.raises(CheckError, match="log of the keeper stopped: No space left"):
             journal.append(RECORDS[0])
         assert [*journal.records()] == []

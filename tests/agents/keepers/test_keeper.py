@@ -52,7 +52,7 @@ class Pair:
     def parts(self, me: int) -> list[Any]:
         """Return what a keeper has to say, announcements apart."""
         found: list[Any] = []
-        for message in self.keepers[me].said():
+        for message in self.keepers[me].outgoing():
             if isinstance(message, Forwards | Replies):
                 found += message.parts
         return found
@@ -87,8 +87,10 @@ def test_an_attempt_passes_and_is_committed() -> None:
     assert isinstance(passed, Forwarded)
     told, decision = pair.hear(1, passed)[::-1]
     assert told == decision
-    assert decision.commit.motion == [(0, 1, 0, 1)]
-    assert decision.commit.level == 1
+    moved, asked = decision.commit, passed.attempt
+    assert moved.motion == [(0, 1, 0, 1)]
+    assert moved.level == 1
+    assert (moved.generator, moved.at, moved.turn) == (asked.generator, asked.at, asked.turn)
     assert pair.keepers[0].units.shows(1) == 1
     assert pair.hear(0, decision) == []
     assert pair.keepers[0].units.shows(1) is None
@@ -134,18 +136,30 @@ def test_who_came_first_is_served_first() -> None:
     other = Dealt(STAR.system, {0: 0, 1: 1, 2: 1, 3: 1})
     keeper = Keeper(0, STAR, other, MemoryJournal())
     keeper.ask(0, attempt(0))
-    (passes,) = keeper.said()
+    (passes,) = keeper.outgoing()
     assert isinstance(passes, Forwards)
     keeper.ask(1, attempt(1))
-    assert keeper.said() == []
+    assert keeper.outgoing() == []
     keeper.ask(1, attempt(1))
-    assert keeper.said() == [], "nor when it asks again"
+    assert keeper.outgoing() == [], "nor when it asks again"
     assert list(keeper._waiting) == [1]
     keeper.hear(1, Decision(0, 0, 1, reason="no"))
-    parts = [part for each in keeper.said() if isinstance(each, Forwards) for part in each.parts]
+    parts = [
+        part for each in keeper.outgoing() if isinstance(each, Forwards) for part in each.parts
+    ]
     assert [part.attempt.module for part in parts if isinstance(part, Forwarded)] == [1]
     assert not keeper._waiting
     assert not pair.keepers[0]._waiting
+
+
+def test_an_attempt_that_comes_late_is_not_waited_with() -> None:
+    """A later one of its module waits, so this one was decided elsewhere."""
+    keeper = Keeper(0, STAR, Dealt(STAR.system, {0: 0, 1: 1, 2: 1, 3: 1}), MemoryJournal())
+    keeper.ask(1, attempt(1))
+    for number in (2, 1):
+        keeper.ask(0, attempt(0, number))
+    keeper.hear(1, Decision(1, 0, 1, reason="no"))
+    assert keeper._prepared[0].passed.attempt.number == 2
 
 
 def test_a_later_epoch_waits_in_place_of_an_earlier_one() -> None:
@@ -155,13 +169,13 @@ def test_a_later_epoch_waits_in_place_of_an_earlier_one() -> None:
     keeper.ask(0, attempt(0))
     keeper.ask(1, attempt(1))
     keeper.ask(1, attempt(1, epoch=1))
-    keeper.said()
+    keeper.outgoing()
     keeper.ask(1, attempt(1))
     keeper.hear(1, Decision(0, 0, 1, reason="no"))
-    keeper.said()
+    keeper.outgoing()
     assert keeper._prepared[1].passed.attempt.epoch == 1
     keeper.ask(1, attempt(1))
-    (tells,) = keeper.said()
+    (tells,) = keeper.outgoing()
     assert isinstance(tells, Replies)
     (told,) = tells.parts
     assert isinstance(told, Decision)
@@ -189,24 +203,24 @@ def test_an_expired_lease_forbids_an_attempt_that_has_not_arrived() -> None:
 
 
 def test_what_waits_at_the_last_keeper_is_not_forbidden() -> None:
-    """It has come through; and what was committed is told, also when more has been since."""
+    """And what was committed is told, also when more has been since."""
     pair = Pair()
     tiles = Dealt(STAR.system, {0: 1, 1: 0, 2: 2, 3: 1})
     keeper = Keeper(1, STAR, tiles, MemoryJournal())
     first = Keeper(0, STAR, tiles, MemoryJournal())
     keeper.ask(1, attempt(1))
     first.ask(0, attempt(0))
-    (passes,) = first.said()
+    (passes,) = first.outgoing()
     assert isinstance(passes, Forwards)
     keeper.hear(0, passes.parts[0])
-    keeper.said()
+    keeper.outgoing()
     keeper.hear(0, Inquiry(0, 0, 1))
-    assert keeper.said() == []
+    assert keeper.outgoing() == []
     keeper.hear(2, Decision(1, 0, 1, reason="no"))
     assert keeper.commits == 1
-    keeper.said()
+    keeper.outgoing()
     keeper.hear(0, Inquiry(0, 0, 1))
-    (said,) = keeper.said()
+    (said,) = keeper.outgoing()
     assert isinstance(said, Forwards)
     (decision,) = said.parts
     assert isinstance(decision, Decision)
@@ -223,7 +237,10 @@ def test_a_commit_is_told_until_it_is_acknowledged() -> None:
     assert pair.ticks(1, 1) == [decision]
     pair.crash(1)
     assert pair.ticks(1, REMIND_TICKS) == [decision]
+    pair.keepers[0].hear(2, decision)
+    assert not pair.keepers[0].busy, "it is acknowledged to who has committed it"
     assert pair.hear(0, decision) == []
+    assert pair.keepers[0].busy
     assert pair.ticks(0, SETTLE_TICKS - 1) == []
     settled = Settled(0, 0, 1)
     assert pair.ticks(0, 1) == [settled]
@@ -247,11 +264,13 @@ def test_a_module_enters_when_nothing_of_it_is_under_way() -> None:
     (entered,) = pair.ask(0, EnterRequest(0, 1))
     assert isinstance(entered, Entered)
     assert (entered.incarnation, entered.site, entered.occupant.epoch) == (1, 1, 1)
+    assert entered.occupant.number == 0
     assert pair.ask(0, EnterRequest(0, 1)) == [entered]
     pair.crash(0)
     assert pair.ask(0, EnterRequest(0, 1)) == [entered]
     (second,) = pair.ask(0, EnterRequest(0, 2))
     assert second.occupant.epoch == 2
+    assert pair.keepers[0]._entered == {0: 2}, "as a compacted log says"
     assert pair.ask(0, EnterRequest(0, 1)) == []
     assert pair.ask(1, EnterRequest(0, 3)) == []
     (refused,) = pair.ask(0, attempt(0, 1, epoch=1))
@@ -290,13 +309,13 @@ def test_a_tile_is_shown_whole_to_who_looks() -> None:
     pair = Pair()
     keeper = pair.keepers[1]
     keeper.ask(0, TileQuery("2", -1))
-    (shows,) = keeper.said()
+    (shows,) = keeper.outgoing()
     assert isinstance(shows, TileUpdate)
     assert (shows.whole, shows.serial, shows.parts[0].module) == (True, 0, 1)
     keeper.ask(0, TileQuery("2", 0))
-    assert keeper.said() == []
+    assert keeper.outgoing() == []
     keeper.ask(1, attempt(1))
-    changes = [each for each in keeper.said() if isinstance(each, TileUpdate)]
+    changes = [each for each in keeper.outgoing() if isinstance(each, TileUpdate)]
     assert [(each.tile, each.serial, each.whole) for each in changes] == [
         ("0", 1, False),
         ("2", 1, False),
@@ -315,10 +334,11 @@ def test_commits_are_fetched_some_at_a_time() -> None:
         sensed.sort(key=repr)
         keeper.ask(1, Attempt(1, 0, number, 0, site, move.generator, move.at, sensed))
         site = target
-    keeper.said()
+    assert not keeper.busy, "nobody else has to learn of them"
+    keeper.outgoing()
     keeper.fetch(0)
     keeper.fetch(FETCH_MAX)
-    first, rest = keeper.said()
+    first, rest = keeper.outgoing()
     assert isinstance(first, CommitLog)
     assert isinstance(rest, CommitLog)
     assert [each.serial for each in first.parts] == [*range(1, FETCH_MAX + 1)]
@@ -404,9 +424,9 @@ def test_who_waits_is_not_overtaken_by_who_conflicts_with_it_alone() -> None:
     go(2, 3, 4, (2, 2))
     assert list(keeper._waiting) == [1, 2]
     assert keeper.commits == 0
-    keeper.said()
+    keeper.outgoing()
     keeper.hear(1, Decision(0, 0, 1, reason="no"))
-    told = [part for each in keeper.said() if isinstance(each, Replies) for part in each.parts]
+    told = [part for each in keeper.outgoing() if isinstance(each, Replies) for part in each.parts]
     assert [(each.module, each.reason) for each in told if isinstance(each, Decision)] == [
         (0, "no"),
         (1, ""),

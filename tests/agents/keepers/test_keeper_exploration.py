@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from cubepath.agents.keepers.attempts import AttemptPlan
-from cubepath.agents.keepers.keeper import Keeper, _Hold, _Last, _Pending
+from cubepath.agents.keepers.keeper import Keeper, _Last, _Pending
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -102,37 +102,9 @@ def test_a_module_attempts_again_in_its_epoch() -> None:
     assert frozenset({(0, 0, 2)}) in found.committed
 
 
-@pytest.mark.few(1)
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("scenario", "module"),
-    [
-        pytest.param(HUB, 0, id="hub-0"),
-        pytest.param(HUB, 1, id="hub-1"),
-        pytest.param(RING, 1, id="ring-1"),
-        pytest.param(SAME, 0, id="same-0", marks=THOROUGH),
-        pytest.param(SAME, 1, id="same-1", marks=THOROUGH),
-        pytest.param(RING, 0, id="ring-0", marks=THOROUGH),
-        pytest.param(AFTER, 0, id="after-0", marks=THOROUGH),
-        pytest.param(AFTER, 1, id="after-1", marks=THOROUGH),
-    ],
-)
-def test_what_is_held_stops_nobody_for_good(scenario: Scenario, module: int) -> None:
-    """One of two holds what it senses, gives up, or attempts; holds run out at any moment."""
-    plain = Explorer(scenario).explore()
-    found = Explorer(replace(scenario, holds={module: 1})).explore()
-    assert found.states > plain.states
-    assert found.committed == plain.committed
-
-
 @pytest.mark.parametrize(
     ("scenario", "faults"),
     [
-        *(
-            pytest.param(replace(HUB, holds={1: 1}), faults, marks=NIGHTLY, id=f"held {at}")
-            for at, faults in enumerate((Faults(loss=1), Faults(module=1), Faults(keeper=1)))
-        ),
-        pytest.param(replace(HUB, holds={0: 1, 1: 1}), Faults(), marks=NIGHTLY, id="both held"),
         pytest.param(RING, Faults(double=1, keeper=1), marks=THOROUGH, id="ring"),
         *(
             pytest.param(LONG, faults, marks=NIGHTLY, id=f"long {at}")
@@ -192,8 +164,8 @@ class _Silent(Keeper):
 class _Barging(Keeper):
     """Lets an attempt that has to wait here wait for nobody."""
 
-    def _must_wait(self, pending: _Pending | _Hold) -> bool:
-        return pending.owner in self._prepared
+    def _must_wait(self, pending: _Pending) -> bool:
+        return pending.passed.attempt.module in self._prepared
 
 
 LOST = Faults(loss=1, module=1)

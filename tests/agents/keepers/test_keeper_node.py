@@ -84,6 +84,28 @@ def test_what_is_no_message_to_it_is_counted_and_has_no_effect(key: str, data: b
     assert not keeper.keeper.commits
 
 
+def test_what_arrives_together_is_answered_in_one_message_to_each() -> None:
+    """A keeper with much to do says it in fewer messages, also when the run ends in between."""
+    keeper = node()
+    keeper.start()
+    asked: list[FreeMessage] = [
+        Requests(0, 0, [EnterRequest(0, 1)]),
+        Requests(1, 0, [EnterRequest(1, 1)]),
+        Requests(0, 0, [EnterRequest(0, 2)]),
+        Go(0, "stop"),
+        Requests(1, 0, [EnterRequest(1, 2)]),
+    ]
+    *told, timer, end = keeper.receive_all(
+        [(free_key("run", each), encode(each)) for each in asked]
+    )
+    replies = [decode_free(put.data) for put in told if isinstance(put, Put)]
+    assert [(each.process, len(each.parts)) for each in replies if isinstance(each, Replies)] == [
+        (0, 2),
+        (1, 1),
+    ]
+    assert (timer, end) == (Timer(None), End())
+
+
 @pytest.mark.parametrize(
     "tile", ["", "**", "$*?", "a//b", "a#b", "elsewhere", "0,", "0\n", "0,0,0"]
 )

@@ -45,7 +45,7 @@ class Together:
     def go_on(self) -> None:
         """Deliver until nothing is under way."""
         while True:
-            said = [message for keeper in self.keepers for message in keeper.said()]
+            said = [message for keeper in self.keepers for message in keeper.outgoing()]
             for message in said:
                 if isinstance(message, Forwards):
                     for part in message.parts:

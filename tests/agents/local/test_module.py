@@ -41,6 +41,9 @@ SPECS = [
     "triangulation:n=8",
     "words",
     "assembly",
+    "sliding-cubes:n=4",
+    "pivoting-cubes:n=4",
+    "rolling-dodecahedra:n=4",
 ]
 TAKING_ALONG = {"arm:n=7", "arm-free:n=4", "arms:n=2", "sliding:p=2,q=2,n=5", "words"}
 """Systems in which a move takes other modules along."""

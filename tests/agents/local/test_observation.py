@@ -25,6 +25,7 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
+from samples.space import SPACE
 
 SPECS = [
     "hex:n=6",
@@ -36,6 +37,7 @@ SPECS = [
     "sliding:p=2,q=2,n=4",
     "arm-free:n=5",
     "arms:n=1",
+    *SPACE,
 ]
 
 

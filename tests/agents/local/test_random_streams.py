@@ -4,6 +4,7 @@ import copy
 import gc
 import pickle
 from collections.abc import Callable
+from functools import _lru_cache_wrapper
 from types import BuiltinFunctionType, FunctionType, MethodType, ModuleType
 from typing import Any
 
@@ -180,7 +181,8 @@ def test_a_negative_seed_is_refused() -> None:
 def reached(found: object, most: int = 200_000) -> list[Any]:
     """Return what can be reached from an object: attributes, items, closures, bound methods.
 
-    Not through modules and classes, which hold the same in every run.
+    Not through modules and classes, which hold the same in every run, nor into what functions keep
+    of earlier calls: catalogues keep moves of all runs.
     """
     known: dict[int, object] = {}
     queue = [found]
@@ -193,6 +195,8 @@ def reached(found: object, most: int = 200_000) -> list[Any]:
             cells = each.__closure__ or ()
             queue += [cell.cell_contents for cell in cells]
             queue += [each.__defaults__, each.__kwdefaults__, vars(each)]
+        elif isinstance(each, _lru_cache_wrapper):
+            queue.append(each.__wrapped__)
         elif isinstance(each, MethodType):
             queue += [each.__func__, each.__self__]
         else:

@@ -7,9 +7,16 @@ from pathlib import Path
 import pytest
 
 from cubepath.agents.locality import check as check_module
-from cubepath.agents.locality.check import Checker, LocalityReport, PlayProcesses, check_rule
+from cubepath.agents.locality.check import (
+    Checker,
+    LocalityReport,
+    PlayProcesses,
+    all_scenes,
+    check_rule,
+)
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.protocol.core.errors import InputError
+from marked import all_but
 
 TO_GOAL = [name for name, rule in BUILT_IN.items() if rule.to_goal]
 CHEATS = Path(__file__).parent / "cheats"
@@ -34,11 +41,18 @@ def checked(
     return found, {each.kind: each.text for each in found.findings}
 
 
+def everywhere(stage: PlayProcesses, rule: str, clock: str = "lockstep") -> LocalityReport:
+    """Return what is found of a rule in all scenes that it is for."""
+    checker = Checker(stage, rule, seed=0, progress=lambda: None, clock=clock)
+    checker.check_all(checker.fitting(all_scenes()))
+    return checker.checked()
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("rule", TO_GOAL)
-def test_our_own_rules_are_local(rule: str) -> None:
+def test_our_own_rules_are_local(stage: PlayProcesses, rule: str) -> None:
     """In a small and a larger scene of all families that they are for nothing is found."""
-    found = check_rule(rule)
+    found = everywhere(stage, rule)
     assert found.findings == ()
     assert len(found.systems) >= 2
     assert found.choices > 900
@@ -47,19 +61,28 @@ def test_our_own_rules_are_local(rule: str) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "spec", ["hex:n=12", "agv:graph=grid6x6,n=9", "sliding", "words", "polygon:n=9", "assembly"]
+    ("rule", "spec"),
+    [
+        ("random", "hex:n=12"),
+        ("random", "words"),
+        ("random", "assembly"),
+        ("metropolis", "agv:graph=grid6x6,n=9"),
+        ("metropolis", "sliding"),
+        ("metropolis", "polygon:n=9"),
+    ],
 )
-@pytest.mark.parametrize("rule", ["random", "metropolis"])
-def test_rules_for_every_system_are_local(rule: str, spec: str) -> None:
+def test_rules_for_every_system_are_local(stage: PlayProcesses, rule: str, spec: str) -> None:
     """In systems of each kind nothing is found."""
-    assert check_rule(rule, [spec]).findings == ()
+    checker = Checker(stage, rule, seed=0, progress=lambda: None)
+    checker.check(spec)
+    assert checker.checked().findings == ()
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("rule", TO_GOAL)
-def test_our_own_rules_are_local_without_rounds(rule: str) -> None:
+@pytest.mark.parametrize("rule", all_but(TO_GOAL, {"leader"}))
+def test_our_own_rules_are_local_without_rounds(stage: PlayProcesses, rule: str) -> None:
     """The same, where they are played in turns."""
-    found = check_rule(rule, clock="free")
+    found = everywhere(stage, rule, "free")
     assert found.findings == ()
     assert found.choices > 900
     assert found.changes > 40
@@ -227,7 +250,10 @@ def test_a_play_without_an_answer_is_found_and_the_last(monkeypatch: pytest.Monk
         (f"{CHEATS / 'unfit'}.py:RULE", "hex:n=3", "wants more than 3 modules"),
     ],
 )
-def test_what_cannot_be_checked_is_bad_input(rule: str, system: str, why: str) -> None:
+def test_what_cannot_be_checked_is_bad_input(
+    stage: PlayProcesses, rule: str, system: str, why: str
+) -> None:
     """With what was found and what was expected."""
+    checker = Checker(stage, rule, seed=1, progress=lambda: None)
     with pytest.raises(InputError, match=why):
-        check_rule(rule, [system])
+        checker.check(system)

@@ -55,20 +55,15 @@ def run_of(spec: str) -> tuple[Scene, list[list[dict[str, list[int]]]], list[tup
     return scene, seen, sites
 
 
-def life_of(spec: str, module: int) -> ModuleLife:
-    scene, _, _ = run_of(spec)
-    goals = scene.goals[module] if scene.goals else ()
-    count = len(scene.start)
+def life_of(module: int) -> ModuleLife:
     # What counts here is how many rounds it saw, and which.
     before = list(range(ROUNDS))
-    return ModuleLife(
-        module, count, scene.start[module], goals, 0, 0, [{} for _ in before], before=before
-    )
+    return ModuleLife(module, 0, [{} for _ in before], before=before)
 
 
 def made(spec: str, module: int, seed: int) -> list[Surroundings]:
     scene, _, sites = run_of(spec)
-    changes = ChangedWorlds(scene, life_of(spec, module), sites, Random(seed))  # noqa: S311 - a test's own
+    changes = ChangedWorlds(scene, life_of(module), sites, Random(seed))  # noqa: S311 - a test's own
     return [changes.elsewhere(), changes.fewer_and_more()]
 
 

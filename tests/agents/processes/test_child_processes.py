@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 
+from cubepath.agents.processes.child_processes import ChildProcesses
 from cubepath.coordinator.runs.launch import start
+from cubepath.protocol.wire.messages import Go
 from processes.elsewhere import soon
 from processes.living import is_there
 
@@ -100,3 +102,15 @@ def test_what_a_rule_forks_ends_when_the_run_is_killed(tmp_path: Path) -> None:
         begun.kill()
         begun.wait()
     soon(lambda: not group(int(pids.read_text().split()[0])), "the end of what was forked")
+
+
+def test_processes_start_side_by_side(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """None waits until the one before has read its configuration, which no pipe may hold."""
+    tired = tmp_path / "tired"
+    (tmp_path / "deaf.py").write_text(f"import time; time.sleep(5); open({str(tired)!r}, 'w')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    children = ChildProcesses()
+    children.spawn("deaf", "deaf", Go(0, "x" * 2**20))  # type: ignore[arg-type]  # any text will do
+    assert not tired.exists()
+    children.end(0.0)
+    assert not children.by_name

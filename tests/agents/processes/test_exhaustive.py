@@ -165,9 +165,9 @@ class _Forgetful(HostNode):
 class _Credulous(HostNode):
     """Takes every double for another message."""
 
-    def _hear(self, said: Bundle) -> list[Effect]:
+    def _hear(self, bundle: Bundle) -> list[Effect]:
         self._copies = getattr(self, "_copies", 0) + 1
-        return super()._hear(replaced(said, number=self._copies))
+        return super()._hear(replaced(bundle, number=self._copies))
 
 
 class _Hasty(HostNode):

@@ -89,9 +89,9 @@ def test_what_is_said_later_is_a_message_of_its_own() -> None:
     assert [each.number for each in decoded(first)] == [0, 0]
     assert [each.number for each in decoded(second)] == [1, 1]
     assert [each.parts[0].module for each in decoded(second)] == [1, 1]
-    assert outbox.said_to("settle", "2,0") == [first[1], second[1]]
-    assert outbox.said_to("settle", "1,0") == outbox.said_to("claim", "2,0") == []
-    assert sorted(outbox.said("settle"), key=str) == sorted(first + second, key=str)
+    assert outbox.sent_to("settle", "2,0") == [first[1], second[1]]
+    assert outbox.sent_to("settle", "1,0") == outbox.sent_to("claim", "2,0") == []
+    assert sorted(outbox.sent("settle"), key=str) == sorted(first + second, key=str)
     assert outbox.counts("settle") == {"0,0": 2, "2,0": 2}
 
 
@@ -100,5 +100,5 @@ def test_nothing_of_the_round_before_is_said_again() -> None:
     outbox = Outbox(row(), "run", 0, 1)
     outbox.say("sense", [Presence(1, 0, (0, 0))])
     outbox.begin(2)
-    assert (outbox.said("sense"), outbox.counts("sense")) == ([], {})
+    assert (outbox.sent("sense"), outbox.counts("sense")) == ([], {})
     assert decoded(outbox.say("sense", [Presence(2, 0, (0, 0))]))[0].round == 2

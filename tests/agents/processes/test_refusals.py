@@ -36,10 +36,10 @@ def test_the_first_is_told_at_once_and_how_many_more_when_asked() -> None:
     assert (refusals.count, refusals.last) == (0, None)
     assert add(refusals) == [first()]
     assert [add(refusals) for _ in range(3)] == [[], [], []]
-    assert told(refusals.told()) == [more(3)]
-    assert told(refusals.told()) == []
+    assert told(refusals.new_refusals()) == [more(3)]
+    assert told(refusals.new_refusals()) == []
     assert add(refusals) == []
-    assert told(refusals.told()) == [more(1)]
+    assert told(refusals.new_refusals()) == [more(1)]
     assert refusals.count == 5
     assert refusals.last == first()
 
@@ -53,7 +53,7 @@ def test_each_sender_and_each_reason_is_told_of() -> None:
     assert refusals.last == first(reason="stale")
     add(refusals, "process_2")
     add(refusals)
-    assert told(refusals.told()) == [more(1, "process_2"), more(1)]
+    assert told(refusals.new_refusals()) == [more(1, "process_2"), more(1)]
 
 
 def test_a_new_round_begins_anew() -> None:
@@ -62,7 +62,7 @@ def test_a_new_round_begins_anew() -> None:
     add(refusals)
     add(refusals)
     assert add(refusals, number=2) == [more(1), first(number=2)]
-    assert told(refusals.told()) == []
+    assert told(refusals.new_refusals()) == []
     assert add(refusals, number=2) == []
 
 
@@ -76,7 +76,7 @@ def test_after_many_senders_all_others_are_one() -> None:
     assert add(refusals, "guest_33") == []
     assert add(refusals, "guest_34", "stale")[0].sender == "others"
     assert add(refusals, "guest_0") == []
-    assert [(each.sender, each.count) for each in told(refusals.told())] == [
+    assert [(each.sender, each.count) for each in told(refusals.new_refusals())] == [
         ("others", 1),
         ("guest_0", 1),
     ]

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cubepath.agents.rendering import chords
-from cubepath.agents.rendering.pictures import draw_on, draw_text, frame
+from cubepath.agents.rendering.pictures import draw_on, draw_text, style_of
 from cubepath.agents.rendering.style import palette
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
@@ -75,7 +75,7 @@ def spot(scene: Scene, point: int) -> tuple[float, float]:
     system = scene.system
     assert isinstance(system, FlipSystem)
     known = np.array([system.positions[k] for k in range(len(system.positions))])
-    left, right, low, high = frame(scene)
+    left, right, low, high = style_of(scene).frame(scene, ())
     size = known.max(axis=0) - known.min(axis=0)
     cell = 600 / max(right - left, high - low)
     unit = (right - left - 1.2) * cell / size[0]
@@ -116,7 +116,7 @@ def test_numbers_are_beside_points_that_lie_close(spec: str) -> None:
     """Each is nearer to its point than to any other, in the frame, and none lies on another."""
     scene = scene_from_spec(spec)
     spots = chords._spots(scene.system)
-    left, right, low, high = box = frame(scene)
+    left, right, low, high = box = style_of(scene).frame(scene, ())
     found = chords._beside(spots, box)
     assert found.keys() == spots.keys()
     points, names = np.array(list(spots.values())), np.array(list(found.values()))

@@ -6,10 +6,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.rendering.pictures import Legend, frame, legend_of
+from cubepath.agents.rendering.pictures import Legend, legend_of, style_of
 from cubepath.agents.rendering.style import Shot
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 
@@ -18,7 +18,10 @@ MOVED = ["has just moved", "where it was before"]
 
 
 def told(scene: Scene, shots: list[Shot]) -> list[str]:
-    return [mark.meaning for mark in legend_of(scene, shots, frame(scene), WIDE).marks]
+    return [
+        mark.meaning
+        for mark in legend_of(scene, shots, style_of(scene).frame(scene, ()), WIDE).marks
+    ]
 
 
 def still(scene: Scene) -> list[Shot]:
@@ -70,22 +73,23 @@ def test_walls_of_a_map_are_told_where_there_are_any(tmp_path: Path) -> None:
 
 def test_nothing_to_tell_takes_no_room() -> None:
     """Without a goal and a move a picture of hexagons has no legend; one row is lower than two."""
-    system = LatticeSystem(hex_catalogue(keeps_topology=True))
+    system = LatticeSystem(page_catalogue("hexagons-1"))
     scene = Scene("own", "own", system, start=((0, 0),))
     figure = Figure(figsize=(4, 4))
-    empty = legend_of(scene, still(scene), frame(scene), WIDE)
+    empty = legend_of(scene, still(scene), style_of(scene).frame(scene, ()), WIDE)
     empty.put(figure, 0, 0)
     assert (empty.height, figure.legends) == (0, [])
     marked = scene_from_spec("hex:n=4")
     wide, narrow = (
-        legend_of(marked, after_a_move(marked), frame(marked), room) for room in (WIDE, 2.0)
+        legend_of(marked, after_a_move(marked), style_of(marked).frame(marked, ()), room)
+        for room in (WIDE, 2.0)
     )
     assert 0 < wide.height < narrow.height
 
 
 def test_kept_free_cells_are_told() -> None:
     """Obstacles that are off are told apart from those that are on, and only those in the frame."""
-    system = LatticeSystem(hex_catalogue(keeps_topology=True), filled=[(2, 0)], empty=[(3, 0)])
+    system = LatticeSystem(page_catalogue("hexagons-1"), filled=[(2, 0)], empty=[(3, 0)])
     scene = Scene("own", "own", system, start=((0, 0), (1, 0)))
     assert told(scene, still(scene)) == ["obstacle", "kept free"]
     assert [mark.meaning for mark in legend_of(scene, still(scene), (0, 1, 0, 1), WIDE).marks] == [
@@ -100,7 +104,9 @@ def test_the_legend_fits_on_the_figure(spec: str) -> None:
 
     scene = scene_from_spec(spec)
     for wide in (3.0, WIDE):
-        legend: Legend = legend_of(scene, after_a_move(scene), frame(scene), wide)
+        legend: Legend = legend_of(
+            scene, after_a_move(scene), style_of(scene).frame(scene, ()), wide
+        )
         figure = Figure(figsize=(wide, legend.height + 0.02), dpi=100)
         FigureCanvasAgg(figure).draw()  # type: ignore[no-untyped-call]  # so is it in matplotlib
         legend.put(figure, 0, 0)

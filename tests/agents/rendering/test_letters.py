@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from cubepath.agents.rendering.pictures import draw_on, draw_pixels, draw_text, frame
+from cubepath.agents.rendering.pictures import draw_on, draw_pixels, draw_text, style_of
 from cubepath.agents.rendering.style import palette
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
@@ -31,7 +31,7 @@ def test_long_words_take_several_rows() -> None:
     scene = scene_from_spec("words:word=" + "abacba" * 15)
     lines = draw_text(scene, scene.start).splitlines()
     assert [len(line.split()) for line in lines] == [40, 40, 10]
-    left, right, low, high = frame(scene)
+    left, right, low, high = style_of(scene).frame(scene, ())
     assert right - left > 10 * (high - low)
 
 
@@ -39,7 +39,7 @@ def test_boxes_have_the_colours_of_their_letters() -> None:
     """Beside its letter, each box shows the colour of the letter; blanks are pale."""
     scene = scene_from_spec("words:presentation=free2,word=ab_B,goal=____")
     shown = draw_pixels(scene, scene.start)
-    left, right, _, _ = frame(scene)
+    left, right, _, _ = style_of(scene).frame(scene, ())
     cell = shown.shape[1] / (right - left)
     system = scene.system
     assert isinstance(system, TabledSystem)

@@ -19,7 +19,8 @@ from cubepath.agents.rendering.pictures import (
     draw_pixels,
     draw_text,
     extent,
-    frame,
+    legend_of,
+    style_of,
 )
 from cubepath.agents.rendering.style import INK, WALL, palette
 from cubepath.protocol.core.actions import Action
@@ -27,7 +28,7 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
@@ -158,12 +159,12 @@ def test_frames_of_text_line_up() -> None:
     texts = [draw_text(scene, sites).splitlines() for sites in (scene.start, after)]
     assert len(texts[0]) == len(texts[1])
     assert texts[0][1] == texts[1][1]
-    assert frame(scene) == frame(scene, after)
+    assert style_of(scene).frame(scene, ()) == style_of(scene).frame(scene, after)
 
 
 def test_obstacles_of_a_lattice_in_text() -> None:
     """An obstacle that is on is drawn as such, one that is off as no place."""
-    system = LatticeSystem(hex_catalogue(keeps_topology=True), filled=[(2, 0)], empty=[(3, 0)])
+    system = LatticeSystem(page_catalogue("hexagons-1"), filled=[(2, 0)], empty=[(3, 0)])
     scene = Scene("own", "own", system, start=((0, 0), (1, 0)))
     assert draw_text(scene, scene.start).splitlines()[1] == ". o o #   ."
 
@@ -192,7 +193,7 @@ def test_pixels_change_where_the_move_is() -> None:
         draw_pixels(scene, [(2, 0)], height=240),
     )
     rows, columns = np.nonzero((before != after).any(axis=2))
-    left, right, low, high = frame(scene)
+    left, right, low, high = style_of(scene).frame(scene, ())
     cell = 240 / (high - low)
     assert (right - left) * cell == pytest.approx(before.shape[1], abs=1)
     assert rows.min() >= 0.1 * cell
@@ -257,7 +258,7 @@ def test_modules_have_the_colours_of_their_numbers() -> None:
     scene = scene_from_spec("hex:n=4,bend=0,shift=0")
     scene = replace(scene, goal=None, goals=())
     pixels = drawn(scene, list(scene.start), numbers=False)
-    left, right, _, _ = frame(scene)
+    left, right, _, _ = style_of(scene).frame(scene, ())
     for number, colour in enumerate(palette(4)):
         x = round((number - left) / (right - left) * pixels.shape[1])
         found = pixels[pixels.shape[0] // 2, x, :3]
@@ -351,7 +352,7 @@ def test_the_goal_of_a_label_has_the_colour_of_its_module() -> None:
     goal = frozenset({((4, 0), 1), ((3, 0), 0)})
     swapped = replace(scene, start=tuple(sites), goal=goal, goals=())
     pixels = drawn(swapped, sites, numbers=False)
-    left, right, _, _ = frame(swapped)
+    left, right, _, _ = style_of(swapped).frame(swapped, ())
     unit = pixels.shape[1] / (right - left)
     for number, x in ((0, 4), (1, 3)):
         column = round((x - left + 0.43) * unit)
@@ -365,14 +366,15 @@ def test_the_extent_of_a_run_holds_all_that_it_visits(spec: str) -> None:
     scene = scene_from_spec(spec)
     sites = walk(scene, 6)
     left, right, low, high = extent(scene, sites)
-    all_of_it = frame(scene, sites)
+    all_of_it = style_of(scene).frame(scene, sites)
     assert right > left
     assert high > low
     if scene.system.bounded:
         outer = (all_of_it[0] <= left, right <= all_of_it[1], all_of_it[2] <= low)
         assert (*outer, high <= all_of_it[3]) == (True,) * 4
     alone = replace(scene, goal=None, goals=())
-    for part in (replace(alone, start=tuple(sites)), alone):
+    walked = [replace(alone, start=tuple(sites))] if scene.system.local else []
+    for part in (*walked, alone):
         inner = extent(part, ())
         assert left <= inner[0]
         assert inner[1] <= right
@@ -386,9 +388,9 @@ def test_of_a_large_workspace_only_what_is_visited_is_shown() -> None:
     start, goal = ((3, 3), (4, 3)), frozenset({(3, 5), (4, 5)})
     corner = replace(scene, start=start, goal=goal, goals=())
     assert extent(corner, [(6, 3)]) == pytest.approx((1.4, 7.6, -6.6, -1.4))
-    assert extent(corner, [(49, 39)]) == frame(scene)
+    assert extent(corner, [(49, 39)]) == style_of(scene).frame(scene, ())
     small = scene_from_spec("agv:graph=grid12x4,n=1")
-    assert extent(replace(small, goal=None, goals=()), ()) == frame(small)
+    assert extent(replace(small, goal=None, goals=()), ()) == style_of(small).frame(small, ())
 
 
 def test_a_single_module_has_a_frame_of_its_own() -> None:
@@ -429,25 +431,27 @@ def solid(drawing: str, sites: list[Site], position: tuple[float, ...] | None = 
 
 
 @pytest.mark.parametrize(
-    ("scene", "message"),
+    ("scene", "told"),
     [
-        (
-            solid("hexagons", [(0, 0, 0), (0, 0, 1)]),
-            "cannot be drawn as a cell, expected two whole",
-        ),
-        (solid("squares", [(0, 0, 0), (0, 0, 1)]), "cannot be drawn as a cell, expected two whole"),
-        (solid("map", ["a", "b"]), "'a' cannot be drawn as a cell, expected two whole numbers"),
-        (solid("edges", [(0, 0, 0, 1), (0, 0, 1, 1)]), "cannot be drawn as an edge, expected two"),
-        (solid("edges", [(0, 0, 2), (0, 0, 1)]), "cannot be drawn as an edge, expected two"),
-        (solid("graph", ["a", "b"], (0, 0, 1)), "'a' cannot be drawn, expected two numbers"),
-        (solid("letters", ["a", "b"], (0, 0, 1)), "'a' cannot be drawn, expected two numbers"),
-        (solid("chords", [(0, 1), (0, 2)], (0, 0, 1)), "cannot be drawn, expected two numbers"),
-        (solid("cubes", [(0, 0), (0, 1)]), "drawing 'cubes', expected one of hexagons, squares,"),
+        (solid("hexagons", [(0, 0, 0), (0, 0, 1)]), True),
+        (solid("map", ["a", "b"]), True),
+        (solid("edges", [(0, 0, 2), (0, 0, 1)]), True),
+        (solid("cubes", [(0, 0), (0, 1)]), True),
+        (solid("gears", [(0, 0), (0, 1)]), True),
+        (solid("graph", ["a", "b"], (0, 0, 1)), False),
+        (solid("letters", ["a", "b"], (0, 0, 1)), False),
     ],
 )
-def test_what_does_not_lie_in_the_plane_is_refused(scene: Scene, message: str) -> None:
-    """Sites and positions in space and unknown styles are named in one line, not drawn flat."""
-    for draw in (draw_pixels, extent):
-        with pytest.raises(InputError, match=message) as refused:
-            draw(scene, scene.start)
-        assert "\n" not in str(refused.value)
+def test_what_no_style_can_draw_is_a_graph(scene: Scene, told: bool) -> None:
+    """Unknown styles and places that do not fit, with a note; positions in space are projected."""
+    assert count_of(INK, drawn(scene, list(scene.start), moved={0: scene.start[0]})) > 0
+    marks = legend_of(scene, [(scene.start, {})], extent(scene, ()), 4).marks
+    note = f"drawn as a graph, not as {scene.system.drawing!r}"
+    assert (note in [mark.meaning for mark in marks]) == told
+
+
+def test_positions_in_too_many_dimensions_are_refused() -> None:
+    """One line names the place."""
+    scene = solid("graph", ["a", "b"], (0, 0, 1, 1))
+    with pytest.raises(InputError, match=r"\(0, 0, 1, 1\) of 'a': expected two or three numbers"):
+        extent(scene, scene.start)

@@ -21,7 +21,7 @@ from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 
@@ -38,7 +38,7 @@ def scene_of(start: list[Cell], goals: list[Cell], system: LatticeSystem | None 
     return Scene(
         spec="by hand",
         family="hex",
-        system=system or LatticeSystem(hex_catalogue(keeps_topology=True)),
+        system=system or LatticeSystem(page_catalogue("hexagons-1")),
         start=tuple(start),
         goal=frozenset(goals),
         goals=(tuple(goals),) * len(start),
@@ -375,13 +375,13 @@ def _distance(one: Site, other: Site) -> int:
 
 def test_fits_both_catalogues_of_hexagons_and_nothing_else() -> None:
     """Known by content: generators in another order are the same catalogue."""
-    shuffled = Catalogue(HEXAGONS, hex_catalogue(keeps_topology=True).generators[::-1])
+    shuffled = Catalogue(HEXAGONS, page_catalogue("hexagons-1").generators[::-1])
     assert CHAIN.fits(LatticeSystem(shuffled))
     for family in FAMILIES:
         assert CHAIN.fits(scene_from_spec(family).system)
     for other in ("arm", "agv", "agv-labelled"):
         assert not CHAIN.fits(scene_from_spec(other).system)
-    fewer = Catalogue(HEXAGONS, hex_catalogue(keeps_topology=True).generators[1:])
+    fewer = Catalogue(HEXAGONS, page_catalogue("hexagons-1").generators[1:])
     assert not CHAIN.fits(LatticeSystem(fewer))
 
 
@@ -451,7 +451,7 @@ def test_obstacles_and_walls_in_the_way_are_refused(
 ) -> None:
     """The static map is known from birth, so is that there is no room."""
     system = LatticeSystem(
-        hex_catalogue(keeps_topology=True), filled=filled, empty=empty, workspace=workspace
+        page_catalogue("hexagons-1"), filled=filled, empty=empty, workspace=workspace
     )
     scene = scene_of(LINE, row((5, 0), 1, 6), system)
     with pytest.raises(InputError, match="needs room"):
@@ -460,7 +460,7 @@ def test_obstacles_and_walls_in_the_way_are_refused(
 
 def test_an_obstacle_far_away_is_no_hindrance() -> None:
     """Three cells off is far enough."""
-    system = LatticeSystem(hex_catalogue(keeps_topology=True), filled=[(0, 3), (2, -3)])
+    system = LatticeSystem(page_catalogue("hexagons-1"), filled=[(0, 3), (2, -3)])
     assert play(scene_of(LINE, row((5, 0), 1, 6), system), CHAIN).reached
 
 

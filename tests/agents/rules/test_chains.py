@@ -49,9 +49,11 @@ def check(spec: str, hesitate: float = 0.0) -> None:
 # --- It gets there ---------------------------------------------------------------------------
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
-@pytest.mark.parametrize("hesitate", [0.0, 0.5])
-@pytest.mark.parametrize("family", ["hex", "hex-open"])
+@pytest.mark.parametrize(
+    ("family", "hesitate"), [("hex", 0.0), ("hex-open", 0.5), ("hex", 0.5), ("hex-open", 0.0)]
+)
 def test_goals_in_every_place_are_reached(family: str, hesitate: float) -> None:
     """Parallel ones, crossing ones, those further off, and the start itself."""
     for spec in specs(family, 3, far=4, step=4):

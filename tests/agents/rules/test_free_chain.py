@@ -29,8 +29,7 @@ def test_every_chain_reaches_its_goal(scene: Scene, pace: Pace) -> None:
     assert played.reached
 
 
-@pytest.mark.slow
-@pytest.mark.thorough
+@pytest.mark.nightly
 @settings(max_examples=40, derandomize=True)
 @given(chains(), paces())
 def test_very_many_chains_reach_their_goals(scene: Scene, pace: Pace) -> None:

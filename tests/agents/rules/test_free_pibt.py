@@ -32,15 +32,14 @@ def check_promise(scene: Scene, pace: Pace) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=15, derandomize=True)
+@settings(max_examples=8, derandomize=True)
 @given(without_cut_vertices(), paces())
 def test_each_gets_to_its_goal_where_no_vertex_cuts(scene: Scene, pace: Pace) -> None:
     """With one empty vertex and no cut vertex everybody is at its goal at some time."""
     check_promise(scene, pace)
 
 
-@pytest.mark.slow
-@pytest.mark.thorough
+@pytest.mark.nightly
 @settings(max_examples=120, derandomize=True)
 @given(without_cut_vertices(), paces())
 def test_each_gets_to_its_goal_in_many_more_instances(scene: Scene, pace: Pace) -> None:

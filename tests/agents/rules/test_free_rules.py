@@ -129,8 +129,7 @@ def test_a_rule_that_cannot_tell_how_long_its_notes_are_is_named(length: Any) ->
             rule.length(3, clock)
 
 
-@pytest.mark.slow
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_random_makes_ten_thousand_legal_moves() -> None:
     """With views up to five commits old, and one vehicle a hundred times slower."""
     spec = "agv-labelled:graph=grid8x8,n=20"

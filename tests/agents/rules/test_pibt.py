@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cubepath.agents.environments.rollouts import Rollout, play
-from cubepath.agents.environments.world import Round, World
+from cubepath.agents.environments.world import World
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.pibt import PIBT, PushNote
 from cubepath.agents.rules.pibt_free import patience
@@ -82,7 +82,7 @@ def test_each_gets_to_its_goal_where_no_vertex_cuts(
     check_promise(scene, seed, hesitate)
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @settings(max_examples=300, derandomize=True)
 @given(without_cut_vertices(), st.integers(0, 99), st.sampled_from([0.0, 0.3, 0.7]))
 def test_each_gets_to_its_goal_in_many_more_instances(
@@ -115,15 +115,12 @@ def test_the_pusher_waits_for_the_pushed() -> None:
     places: dict[int, Site] = {
         label: scene.system.place_of(site) for label, site in enumerate(scene.start)
     }
-
-    def watch(played: Round) -> None:
+    for played in play(scene, PIBT, max_rounds=60).rounds:
         before = set(places.values())
         for module, move in played.moves.items():
             target = scene.system.place_of(move.target)
             assert target not in before
             places[module] = target
-
-    play(scene, PIBT, max_rounds=60, watch=watch)
 
 
 def test_who_is_told_full_gives_way() -> None:

@@ -14,7 +14,7 @@ from cubepath.protocol.core.catalogue import HEXAGONS, Catalogue, GeneratorPlace
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.durations import OwnMoves, schedule_from_jsonl, schedule_to_jsonl
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.wire.messages import Note
@@ -85,7 +85,7 @@ def test_others_make_their_moves_of_the_same_round() -> None:
 
 def hexagons(start: tuple[Site, ...], filled: tuple[Site, ...] = ()) -> Scene:
     """Return hexagons on the open plane, with obstacles."""
-    catalogue: Catalogue = hex_catalogue(keeps_topology=True)
+    catalogue: Catalogue = page_catalogue("hexagons-1")
     assert catalogue.lattice == HEXAGONS
     return Scene("hexagons", "", LatticeSystem(catalogue, filled=filled), start)
 
@@ -127,7 +127,7 @@ def test_the_edge_of_the_workspace_is_told() -> None:
     """A support that leaves the workspace has no move."""
     scene = hexagons(((0, 0), (1, 0)))
     placed, action = a_pivot(scene)
-    system = LatticeSystem(hex_catalogue(keeps_topology=True), workspace=action.trace | {(1, 0)})
+    system = LatticeSystem(page_catalogue("hexagons-1"), workspace=action.trace | {(1, 0)})
     own: Own = {0: {1: placed}}
     failed = play(Scene("a corner", "", system, scene.start), scheduled(own), max_rounds=1).failed
     assert failed is not None

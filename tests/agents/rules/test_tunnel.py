@@ -25,7 +25,7 @@ def test_a_line_is_at_its_goal_one_round_after_the_least(n: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hesitate", [0.0, 0.5])
-@pytest.mark.parametrize("n", [3, 4, pytest.param(6, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("n", [3, *(pytest.param(n, marks=pytest.mark.thorough) for n in (4, 6))])
 def test_the_goal_is_reached_from_every_state(n: int, hesitate: float) -> None:
     """Also from those past it, and where modules stand in one another's way."""
     scene = scene_from_spec(f"hex-tunnel:n={n}")

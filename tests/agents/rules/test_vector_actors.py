@@ -31,7 +31,7 @@ from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.plain_steps import COMPILED, PLAIN, plain_steps
@@ -121,7 +121,7 @@ def test_every_family_has_metropolis(spec: str, values: str) -> None:
     """With one goal a module or several, taken or free, at any temperature."""
     rule = find_rule(f"metropolis:{values}")
     assert rule is not None
-    assert Side(scene_from_spec(spec), rule, [1, 2], 0.3).play(40)
+    assert Side(scene_from_spec(spec), rule, [1, 2], 0.3).play(16)
 
 
 def test_metropolis_chooses_the_same_when_it_forgets_sites(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,7 +149,7 @@ def test_long_chains_walk_the_same(spec: str, hesitate: float) -> None:
 @cache
 def hexagons(*, keeps_topology: bool, backwards: bool, walls: bool) -> LatticeSystem:
     """Return one of both catalogues, listed in either order, with walls or without."""
-    known = hex_catalogue(keeps_topology=keeps_topology)
+    known = page_catalogue("hexagons-1" if keeps_topology else "hexagons-2")
     order = known.generators[::-1] if backwards else known.generators
     box = [(q, r) for q in range(-9, 10) for r in range(-9, 10)]
     return LatticeSystem(Catalogue(known.lattice, order), workspace=box if walls else None)

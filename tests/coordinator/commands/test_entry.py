@@ -1,13 +1,18 @@
 """Where the command begins: an interrupt is one line from the first moment on."""
 
 import gc
+import os
 import signal
+import subprocess
 import sys
+import threading
+import weakref
 from collections.abc import Iterator, Sequence
 from types import ModuleType
 
 import pytest
 
+from cubepath.coordinator.commands.console import Interrupts
 from cubepath.coordinator.commands.entry import entry
 from processes.command_line import GOLDEN
 
@@ -91,3 +96,34 @@ def test_an_interrupt_waits_for_the_end_of_an_import(
     )
     assert (code, signalling.went_on) == (130, True)
     assert capsys.readouterr().err == "cubepath: interrupted\n"
+
+
+def test_an_interrupt_in_a_finalizer_is_raised_after_it() -> None:
+    """Python prints an exception that a finalizer raises, and goes on without it."""
+    with Interrupts(), pytest.raises(KeyboardInterrupt):
+        dying = threading.Event()
+        weakref.finalize(dying, signal.raise_signal, signal.SIGINT)
+        del dying
+        threading.Event().wait(10)
+
+
+def test_an_interrupt_while_a_process_starts_is_raised_when_it_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Otherwise nobody would know the process, and nobody end it."""
+    read = os.read
+
+    def interrupted(file: int, size: int) -> bytes:
+        """Send a signal where a start waits for the program to begin."""
+        monkeypatch.undo()
+        signal.raise_signal(signal.SIGINT)
+        return read(file, size)
+
+    process = None
+    with Interrupts(), pytest.raises(KeyboardInterrupt):
+        monkeypatch.setattr(os, "read", interrupted)
+        process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+        process.wait(10)
+    assert process is not None
+    process.communicate(b"\n", timeout=10)
+    assert process.returncode == 0

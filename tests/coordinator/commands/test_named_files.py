@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import pytest
 
-from cubepath.coordinator import record, run, start
+from cubepath.coordinator import Recorder, run, start
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.spec import read_sweep_file
 from cubepath.coordinator.verification.recovery import with_told_scene
@@ -227,7 +227,7 @@ def test_a_run_does_not_choose_where_it_is_recorded(
     Path("odd.toml").write_text(text.replace('family = "hex"', 'family = "../../mine/x"'))
     with (
         start("odd.toml", "random", processes=1, max_rounds=2, log="odd.mcap") as running,
-        record(running.endpoint) as recorder,
+        Recorder(running.endpoint) as recorder,
     ):
         running.play()
         recorder.wait(20)

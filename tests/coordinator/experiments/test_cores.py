@@ -9,7 +9,7 @@ import pytest
 from cubepath.agents.environments.rollouts import Rollouts, play_in_python, play_many
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments import compiled_core
-from cubepath.coordinator.experiments.playing import play_batch
+from cubepath.coordinator.experiments.batch_runs import play_batch
 from cubepath.coordinator.experiments.rows import FinishedRun
 from cubepath.coordinator.experiments.setting import FaultRates
 from cubepath.coordinator.experiments.spec import Sweep, expand

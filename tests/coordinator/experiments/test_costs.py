@@ -1,12 +1,8 @@
 """The sum of costs: the rounds up to each module's last move, the same however a run is played."""
 
-from pathlib import Path
-
-import pyarrow.parquet as pq
 import pytest
 
 from cubepath.agents import play
-from cubepath.coordinator.experiments.folder import read_runs
 from cubepath.coordinator.experiments.sweeping import sweep
 
 
@@ -19,15 +15,3 @@ def test_each_module_costs_the_round_of_its_last_move(core: str) -> None:
     for number, made in enumerate(play(spec, "pibt", seed=3).rounds, 1):
         last |= dict.fromkeys(made.moves, number)
     assert row["costs"] == sum(last.values()) >= row["rounds"] > 0
-
-
-def test_folders_from_before_there_was_the_column_are_read(tmp_path: Path) -> None:
-    """What they lack is unknown; a column that they always had is still missed."""
-    sweep("hex:n=3", seeds=1, out=tmp_path)
-    (part,) = (tmp_path / "runs").glob("*.parquet")
-    known = pq.read_table(part)
-    pq.write_table(known.drop_columns(["costs"]), part)
-    assert [row["costs"] for row in read_runs(tmp_path)] == [None]
-    pq.write_table(known.drop_columns(["cubes"]), part)
-    with pytest.raises(Exception, match="cannot be read"):
-        read_runs(tmp_path)

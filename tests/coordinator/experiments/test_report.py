@@ -12,9 +12,9 @@ import pyarrow.parquet
 import pytest
 
 from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.experiments.batch_runs import play_batch
 from cubepath.coordinator.experiments.folder import SweepFolder, table_of
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
-from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.plots import plots_of
 from cubepath.coordinator.experiments.report import distances, write_report
 from cubepath.coordinator.experiments.rows import FAILURES, RUN_COLUMNS

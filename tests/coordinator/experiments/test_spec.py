@@ -1,9 +1,7 @@
 """Sweeps as data: what is written, in a file or on the command line, is what is expanded."""
 
 import hashlib
-import json
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +9,7 @@ import pytest
 import tomli_w
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.experiments.setting import (
-    FaultRates,
-    RunBatch,
-    RunSetting,
-    run_id,
-    scene_hash,
-)
+from cubepath.coordinator.experiments.setting import FaultRates, run_id, scene_hash
 from cubepath.coordinator.experiments.spec import Sweep, expand, sweep_from_table, sweep_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.ranges import expanded, seeds_of
@@ -118,22 +110,6 @@ def test_the_same_scene_by_another_name_is_no_other_run(tmp_path: Path) -> None:
     assert found.left_out == (f"{path}: the same scene as hex:n=4, which is played",)
 
 
-@cache
-def setting_of_two() -> RunSetting:
-    """Return the setting of a small sweep."""
-    (setting,) = expand(Sweep(("hex:n=2",))).settings
-    return setting
-
-
-@given(st.text(), st.text(), st.integers(0, 10**18))
-def test_an_id_is_that_of_plain_json(rule: str, source: str, seed: int) -> None:
-    """With sorted keys, however it is put together."""
-    setting = replace(setting_of_two(), rule=rule, source=source)
-    told = json.dumps({**setting.deciding(), "seed": seed, "code": "1"}, sort_keys=True)
-    assert RunBatch(setting, (seed,), "1").ids() == (run_id(setting, seed, "1"),)
-    assert run_id(setting, seed, "1") == hashlib.sha256(told.encode()).hexdigest()[:16]
-
-
 @pytest.mark.parametrize("name", ["hex:n=3", "agv-labelled", "words", 'a"b\n.toml'])
 def test_the_hash_of_a_scene_is_that_of_its_text_without_its_name(name: str) -> None:
     """Whatever the name is."""
@@ -231,10 +207,13 @@ def test_paths_in_a_file_are_beside_it(tmp_path: Path) -> None:
         ({"systems": [{"n": 3}]}, "expected a table with a name"),
         ({"rules": ["nope"]}, "unknown rule 'nope'"),
         ({"rules": 3}, "rules: expected a text, found 3"),
-        ({"clocks": "fre"}, r"clocks: unknown 'fre' \(did you mean 'free'\?\)"),
+        (
+            {"clocks": "fre"},
+            r"clocks: fre: expected one of lockstep, free \(did you mean 'free'\?\)",
+        ),
         ({"clocks": []}, "clocks: expected one value or more"),
         ({"hesitate": 1.0}, "hesitate: 1, expected at least 0 and less than 1"),
-        ({"hesitate": "much"}, "hesitate: expected a number, found 'much'"),
+        ({"hesitate": "much"}, "hesitate='much': expected a number"),
         ({"seeds": True}, "seeds: expected a number"),
         ({"seeds": []}, "seeds: expected one seed or more"),
         ({"seeds": [1, -1]}, "seeds: expected 0 or more, found -1"),
@@ -244,12 +223,12 @@ def test_paths_in_a_file_are_beside_it(tmp_path: Path) -> None:
         ({"timeout_s": float("nan")}, "timeout_s=nan: expected more than 0"),
         ({"timeout_s": "1"}, "timeout_s='1': expected a number"),
         ({"processes": 0}, "processes=0: expected 1 or more"),
-        ({"faults": {"loss": 2}}, "faults: loss=2, expected 0 to 1"),
+        ({"faults": {"loss": 2}}, "faults: loss=2: expected 0 to 1"),
         ({"faults": {"losses": 1}}, "cannot read 'losses=1'"),
-        ({"faults": {"slow": 0.5, "slow_factor": 0}}, "slow_factor=0, expected 1 to"),
-        ({"faults": {"delay": 0.5, "delay_ms": -1}}, "delay_ms=-1, expected more than 0"),
-        ({"faults": "loss=much"}, "faults: loss=much, expected a number"),
-        ({"faults": "loss=nan"}, "faults: loss=nan, expected 0 to 1"),
+        ({"faults": {"slow": 0.5, "slow_factor": 0}}, "slow_factor=0: expected 1 to"),
+        ({"faults": {"delay": 0.5, "delay_ms": -1}}, "delay_ms=-1: expected more than 0"),
+        ({"faults": "loss=much"}, "faults: loss=much: expected a number"),
+        ({"faults": "loss=nan"}, "faults: loss=nan: expected 0 to 1"),
     ],
 )
 def test_a_table_that_is_no_sweep_is_refused(change: dict[str, Any], why: str) -> None:

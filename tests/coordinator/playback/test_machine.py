@@ -151,14 +151,6 @@ def gaps(found: Driven) -> list[float]:
     return [after - before for before, after in pairwise(found.at)]
 
 
-def test_a_delay_comes_first() -> None:
-    """Nothing is put before it is over, at whatever rate."""
-    for rate in ("max", "1"):
-        found = driven(rate=rate, delay_s=3.0).until(BEGAN + 2.9)
-        assert not found.put
-        assert found.until(BEGAN + 3).at[0] == BEGAN + 3
-
-
 def test_from_and_until_are_of_what_is_played() -> None:
     """By round, by time, and by both: the ends belong to it; the jump there is told."""
     assert driven(begin="3", until="5").on().numbers == reports(3, 4, 5)

@@ -114,9 +114,9 @@ def test_orders_come_over_zenoh_and_errors_are_one_line() -> None:
         assert ears.ask("rate?times=2")["rate"] == "4x"
         assert ears.ask("seek?to=99").startswith("to 99: not on record, which ends with round 29")
         assert ears.ask("seek?to=x").startswith("to=x: expected a round or level")
-        assert ears.ask("seke?to=3").startswith("unknown order 'seke'")
-        assert "expected unit, count" in ears.ask("step?untt=round")
-        assert ears.ask("step?count=0") == "count=0: expected 1 or more, and at most 1000000000"
+        assert ears.ask("seke?to=3").startswith("order seke: expected one of ")
+        assert "expected one of unit, count" in ears.ask("step?untt=round")
+        assert ears.ask("step?count=0") == "count=0: expected 1 to 1000000000"
         assert ears.ask("rate").startswith("rate: expected either")
         assert ears.ask("status")["rate"] == "4x"
         assert ears.ask("stop")["state"] == "stopped"
@@ -167,7 +167,7 @@ def test_what_goes_wrong_ends_the_replay_where_it_is_waited_for() -> None:
 def test_it_waits_for_others_who_listen() -> None:
     """It begins when another session subscribes to a part of the run, and not for ever."""
     for endpoint in (None, "tcp/127.0.0.1:0"):
-        with Player(HEX, wait_for_subscribers=True, paused=False, endpoint=endpoint) as player:
+        with Player(HEX, wait_for_subscribers=60, paused=False, endpoint=endpoint) as player:
             assert player.position.message == 3
             with open_client(player.endpoint) as session:
                 # Kept: a subscriber that nobody holds is undeclared at once.
@@ -176,7 +176,7 @@ def test_it_waits_for_others_who_listen() -> None:
                 ears.append(subscribe(session, f"cubepath/{player.run}/reports/**", lambda _: None))
                 assert player.wait(20).same
     with pytest.raises(CheckError, match=r"no subscriber to cubepath/\w+/\*\* within 0.1 s"):
-        replay(HEX, wait_for_subscribers=True, wait_s=0.1)
+        replay(HEX, wait_for_subscribers=0.1)
 
 
 def changed(recording: Recording, number: int) -> Recording:
@@ -254,7 +254,6 @@ def test_without_rounds_a_part_is_played_and_not_compared() -> None:
     [
         ({"rate": "fast"}, "rate=fast: expected rounds or levels a second"),
         ({"begin": -1}, "from=-1: expected a round"),
-        ({"delay_s": -1}, "delay_s=-1: expected 0 or more seconds"),
         ({"topics": "reports"}, "topics='reports': expected a list"),
         ({"run": "a/b"}, "run=a/b: expected a name"),
         ({"remap": ["reports=/x"]}, "remap=reports=/x: a private router has keys below cubepath"),

@@ -13,7 +13,7 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
-from cubepath.coordinator.playback import playing as replay_module
+from cubepath.coordinator.playback import replay_session as replay_module
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID
 from cubepath.protocol.core.catalogue import GeneratorPlacement
@@ -123,7 +123,7 @@ def test_replays_side_by_side_do_not_mix() -> None:
 
 def test_only_the_kinds_asked_for_are_put() -> None:
     """Reports alone are enough for the result."""
-    found = replay(crowd(), kinds=["reports"])
+    found = replay(crowd(), topics=["reports"])
     assert found.same
     assert found.messages == len(list(crowd().of_kind("reports")))
 
@@ -170,8 +170,6 @@ def test_progress_is_told_of_every_message() -> None:
     [
         ({"rate": 0.0}, "rate=0.0: expected more than 0"),
         ({"rate": float("nan")}, "rate=nan: expected more than 0"),
-        ({"kinds": ["rapports"]}, "unknown kind 'rapports', expected some of bundle"),
-        ({"kinds": ["bundle"]}, "without reports there is nothing to gather"),
         ({"endpoint": "nonsense"}, "endpoint nonsense: expected tcp/HOST:PORT"),
     ],
 )

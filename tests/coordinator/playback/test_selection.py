@@ -31,17 +31,16 @@ def test_topics_are_chosen_by_patterns() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"topics": ["verdict"]}, r"topics=verdict/\*: nothing on record matches, expected topics"),
-        ({"topics": [""]}, "topics=: expected topics such as"),
-        ({"exclude": ["a#"]}, "exclude=a#: expected topics such as"),
-        ({"exclude": ["nobody"]}, r"exclude=nobody/\*: nothing on record matches, expected topics"),
-        ({"topics": ["bundle/nobody"]}, "topics=bundle/nobody: nothing on record matches"),
+        ({"topics": ["verdict"]}, "topics verdict: nothing on record matches"),
+        ({"topics": [""]}, "topics: found '', expected a pattern"),
+        ({"exclude": ["a#"]}, "exclude a#: nothing on record matches"),
+        ({"exclude": ["nobody"]}, "exclude nobody: nothing on record matches"),
+        ({"topics": ["bundle/nobody"]}, "topics bundle/nobody: nothing on record matches"),
         ({"exclude": ["*"]}, r"exclude=\*: leaves nothing to play, expected some topics of"),
         (
             {"topics": ["bundle"], "exclude": ["bundle"]},
             "topics=bundle, exclude=bundle: leaves nothing to play",
         ),
-        ({"kinds": ["go"]}, "unknown kind 'go'"),
     ],
 )
 def test_what_chooses_nothing_is_refused(given: dict[str, list[str]], said: str) -> None:

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.processes.joining import Joining, join
-from cubepath.agents.processes.membership import alive_key
+from cubepath.agents.free.joining import Joining, join
+from cubepath.agents.processes.membership import GONE_S, alive_key
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.tools.comparison.comparing import diff
+from cubepath.coordinator.tools.comparison.run_comparison import diff
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.wire.credentials import COORDINATOR
-from cubepath.protocol.wire.sessions import open_client
+from cubepath.protocol.wire.sessions import LEASE_S, open_client
 from processes.elsewhere import Commands, Running, soon
 
 pytestmark = pytest.mark.slow
@@ -60,6 +60,12 @@ def recorded(folder: Path) -> int:
     """Return how many bytes are on record."""
     log = folder / "run.mcap"
     return log.stat().st_size if log.exists() else 0
+
+
+def child_of(router: Running) -> int:
+    """Return the process id of the router itself, which the command looks after."""
+    task = Path(f"/proc/{router.pid}/task/{router.pid}/children")
+    return int(task.read_text().split()[0])
 
 
 def goes_on(folder: Path) -> None:
@@ -199,24 +205,31 @@ def test_a_joined_process_that_ends_ends_the_run(
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("number", "more", "line"),
-    [
-        (signal.SIGKILL, (), r"is gone$"),
-        (signal.SIGSTOP, ("--patience=3",), r"nothing was heard of run \w+ for 3 s$"),
-    ],
-)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_joined_process_ends_when_its_coordinator_does_not_go_on(
-    commands: Commands, number: signal.Signals, more: tuple[str, ...], line: str
+    commands: Commands, number: signal.Signals
 ) -> None:
-    """With one line: within seconds where it was killed, else when its patience is over."""
+    """With one line, when its patience is over; with the coordinator its router was killed too."""
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
-    joined = joins(commands, listens(runs), "0-3", *more)
+    joined = joins(commands, listens(runs), "0-3", "--patience=3")
     goes_on(commands.folder)
     runs.signal(number)
     code, answer, errors = joined.end()
     assert (code, answer) == (1, "")
-    assert re.search(line, errors[-1])
+    assert re.search(r"nothing was heard of run \w+ for 3 s$", errors[-1])
+
+
+@pytest.mark.thorough
+def test_a_joined_process_ends_when_its_coordinator_alone_has_died(commands: Commands) -> None:
+    """Within seconds, however patient it is: its router knows."""
+    endpoint = listens(commands.start("host", "router", f"--listen={LOOPBACK}"))
+    runs = commands.start("run", *ENDLESS, f"--connect={endpoint}", "--wait-for=1")
+    joined = joins(commands, endpoint, "0-3", "--patience=600")
+    goes_on(commands.folder)
+    runs.signal()
+    code, _, errors = joined.end()
+    assert code == 1
+    assert re.search(r"the coordinator of run \w+ is gone$", errors[-1])
 
 
 @pytest.mark.thorough
@@ -256,8 +269,7 @@ def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:
     runs = commands.start("run", *ENDLESS, f"--connect={endpoint}", "--wait-for=1")
     joined = joins(commands, endpoint, "0-3")
     goes_on(commands.folder)
-    task = Path(f"/proc/{router.pid}/task/{router.pid}/children")
-    os.kill(int(task.read_text().split()[0]), signal.SIGKILL)
+    os.kill(child_of(router), signal.SIGKILL)
     router.says("the router died, and was started again")
     goes_on(commands.folder)
     runs.signal(signal.SIGINT)
@@ -266,9 +278,80 @@ def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:
     assert verify(read_recording(commands.folder / "run.mcap")).ok
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("first", [True, False])
+def test_a_run_outlives_one_of_two_linked_routers(commands: Commands, first: bool) -> None:
+    """Whichever dies for good: that of the run, or that of the process which has joined."""
+    one = commands.start("host", "router", f"--listen={LOOPBACK}")
+    here = listens(one)
+    other = commands.start("host", "router", f"--listen={LOOPBACK}", f"--connect={here}")
+    there = listens(other)
+    runs = commands.start("run", *ENDLESS, f"--connect={here},{there}", "--wait-for=1")
+    runs.says("waiting for 1 process")
+    joined = joins(commands, f"{there},{here}", "0-3")
+    goes_on(commands.folder)
+    (one if first else other).signal()
+    goes_on(commands.folder)
+    runs.signal(signal.SIGINT)
+    assert (runs.end()[0], joined.end()[0]) == (130, 0)
+    assert verify(read_recording(commands.folder / "run.mcap")).ok
+
+
+@pytest.mark.thorough
+def test_a_run_links_its_own_router_with_others(commands: Commands, digest: str) -> None:
+    """So its host needs no other; processes join at any of them, whichever dies."""
+    here = listens(commands.start("host", "router", f"--listen={LOOPBACK}"))
+    dies = commands.start("host", "router", f"--listen={LOOPBACK}", f"--connect={here}")
+    there = listens(dies)
+    links = (f"--listen={LOOPBACK}", f"--connect={here},{there}")
+    runs = commands.start("run", *SYSTEM, *links, "--wait-for=3", "--json")
+    own = listens(runs)
+    survives = joins(commands, f"{there},{here}", "2")
+    survives.says("waiting for run")
+    dies.signal()
+    others = [joins(commands, endpoint, str(at)) for at, endpoint in enumerate((own, here))]
+    joined = [*others, survives]
+    code, answer, errors = runs.end()
+    assert code == 0, errors
+    assert json.loads(answer)["path_digest"] == digest
+    assert [each.end()[0] for each in joined] == [0, 0, 0]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("failover", [False, pytest.param(True, marks=pytest.mark.nightly)])
+def test_a_run_outlives_a_router_that_stands_still_or_a_host_that_is_cut_off(
+    commands: Commands, failover: bool
+) -> None:
+    """For longer than the lease of a link, whether or not a process has another router; by the
+    same path."""
+    length = ("hex:n=6", "--rule=random", "--seed=3", "--max-rounds=500")
+    alone = commands.start("run", *length, "--json", "--log=alone.mcap").end()[1]
+    here = listens(commands.start("host", "router", f"--listen={LOOPBACK}"))
+    other = commands.start("host", "router", f"--listen={LOOPBACK}", f"--connect={here}")
+    there = listens(other)
+    whole = ("--json", "--log=run.mcap", f"--connect={here}", "--wait-for=1")
+    runs = commands.start("run", *length, *whole)
+    runs.says("waiting for 1 process")
+    joined = joins(commands, f"{there},{here}" if failover else there, "0-3")
+    goes_on(commands.folder)
+    os.kill(child_of(other), signal.SIGSTOP)
+    try:
+        if failover:
+            goes_on(commands.folder)
+        else:
+            time.sleep(LEASE_S + GONE_S + 3)
+    finally:
+        os.kill(child_of(other), signal.SIGCONT)
+    code, answer, errors = runs.end()
+    assert code == 0, errors
+    assert json.loads(answer)["path_digest"] == json.loads(alone)["path_digest"]
+    assert joined.end()[0] == 0
+    assert verify(read_recording(commands.folder / "run.mcap")).ok
+
+
 def test_a_run_that_listens_without_waiting_says_so_and_is_found(commands: Commands) -> None:
     """It shows its coordinator's token, and refuses those that would join in one line."""
-    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}")
+    runs = commands.start("run", *ENDLESS, "--processes=1", f"--listen={LOOPBACK}")
     endpoint = listens(runs)
     runs.says("others can listen, but not join: expected --wait-for N")
     code, answer, errors = joins(commands, endpoint, "0-2").end()
@@ -306,8 +389,7 @@ def test_a_process_waits_for_a_router_that_stands_still(commands: Commands) -> N
     """The address answers, so it waits for its patience; and it joins once the router goes on."""
     router = commands.start("host", "router", f"--listen={LOOPBACK}")
     endpoint = listens(router)
-    task = Path(f"/proc/{router.pid}/task/{router.pid}/children")
-    child = int(task.read_text().split()[0])
+    child = child_of(router)
     os.kill(child, signal.SIGSTOP)
     try:
         joined = joins(commands, endpoint, "0")

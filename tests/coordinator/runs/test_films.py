@@ -1,6 +1,7 @@
 """Films have a frame a step, and are written whole or not at all."""
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,11 @@ from PIL import Image, ImageSequence
 from cubepath.agents.rendering.style import palette
 from cubepath.coordinator.runs.films import animate
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from samples.random_runs import random_run
+from samples.rolling import rolling_cubes
 
 
 def frames_of(path: Path) -> list[tuple[NDArray[np.uint8], int]]:
@@ -27,7 +31,7 @@ def frames_of(path: Path) -> list[tuple[NDArray[np.uint8], int]]:
 @pytest.mark.slow
 def test_a_film(tmp_path: Path) -> None:
     """A frame for the start and each step; progress counts them; nothing else is left behind."""
-    scene, rounds, _ = random_run("hex:n=4", 6)
+    scene, rounds, _ = random_run("words", 6)
     path, told = tmp_path / "film.gif", list[tuple[int, int]]()
     animate(scene, rounds, path, progress=lambda done, total: told.append((done, total)))
     assert path.read_bytes().startswith(b"GIF89a")
@@ -67,10 +71,33 @@ def test_a_film_that_is_interrupted_leaves_nothing(tmp_path: Path) -> None:
 )
 def test_frames_last_as_long_as_asked_for(tmp_path: Path, rate: float, lasting: list[int]) -> None:
     """In whole hundredths of a second that add up; the end stays for a second and a half more."""
-    scene, rounds, _ = random_run("hex:n=3", 4)
+    scene, rounds, _ = random_run("words", 4)
     path = tmp_path / "film.gif"
     animate(scene, rounds, path, frames_per_second=rate)
     assert [time for _, time in frames_of(path)] == [*lasting[:-1], lasting[-1] + 150]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scene", "move", "rate", "lasting"),
+    [
+        (rolling_cubes(), ("along", (0, 0, 1)), 4, [6, 6, 7, 6, 175]),
+        (rolling_cubes(), ("along", (0, 0, 1)), 50, [2, 152]),
+        (scene_from_spec("sliding-cubes:n=2"), ("corner-6", (1, 0, 1)), 4, [6, 6, 7, 6, 175]),
+        (scene_from_spec("agv:graph=P2,n=1"), ("edge", (0, 1)), 4, [6, 6, 7, 6, 175]),
+    ],
+    ids=["turns", "fast", "slides", "drives"],
+)
+def test_a_module_is_seen_on_its_way(
+    tmp_path: Path, scene: Scene, move: tuple[str, Site], rate: float, lasting: list[int]
+) -> None:
+    """Three times, in the time of its step; not if a film would be too fast."""
+    path = tmp_path / "film.gif"
+    animate(scene, [[scene.system.action(*move)]], path, frames_per_second=rate)
+    frames = frames_of(path)
+    assert [time for _, time in frames] == lasting
+    shots = [pixels[40:, :] for pixels, _ in frames]
+    assert all((one != other).any() for one, other in pairwise(shots))
 
 
 @pytest.mark.parametrize("rate", [0, -1, 50.5, 0.001, float("inf"), float("nan")])

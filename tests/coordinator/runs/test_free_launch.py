@@ -1,6 +1,7 @@
 """Runs without rounds from start to end: what is on record holds, whatever happened."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ import pytest
 from msgspec import structs
 
 from cubepath.agents.free.fleet import FreeFleet
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.runs import free_driver
 from cubepath.coordinator.runs.collector import Collector
 from cubepath.coordinator.runs.free_driver import FreeDriver
@@ -204,6 +205,35 @@ def test_a_run_in_which_everything_dies_again_and_again_holds(
     sound(log)
 
 
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+def test_twenty_restarts_in_a_minute_lose_nothing(cubepath_run: RunFixture, tmp_path: Path) -> None:
+    """One each three seconds, of everything in turn, whether the last has come back or not."""
+    log = tmp_path / "run.mcap"
+    plan = Plan(
+        system="agv:graph=grid6x6,n=6",
+        rule="random",
+        clock="free",
+        processes=2,
+        keepers=2,
+        speeds=dict.fromkeys(range(6), 10.0),
+        on_crash="restart",
+        max_rounds=1000,
+        patience=60.0,
+        log=log,
+    )
+    rig = cubepath_run(plan, links=False, timeout_s=600)
+    begun = time.monotonic()
+    for number in range(20):
+        name = ("router", "keeper_0", "process_0", "keeper_1", "process_1")[number % 5]
+        rig.run.until(lambda _, due=begun + 3 * number: time.monotonic() > due)  # type: ignore[misc]
+        rig.run.until(lambda run, name=name: name in run.pids)  # type: ignore[misc]
+        rig.kill(name)
+    assert rig.play().ended == "max-rounds"
+    assert len(rig.outcome.crashes) == 20
+    sound(log)
+
+
 def islands() -> Scene:
     """Return two rows that nothing joins, with a vehicle at the left end of each."""
     rows = [[f"{row}{column}" for column in range(6)] for row in "ab"]
@@ -258,7 +288,7 @@ def test_what_a_plan_cannot_be_is_one_line(tmp_path: Path) -> None:
         ({"clock": "free", "speeds": {0: 0.0}}, "speed=0=0: expected more than 0"),
         ({"clock": "free", "speeds": {99: 1.0}}, "speed=99=1: no such module"),
         ({"clock": "free", "jitter": -1.0}, "jitter=-1: expected 0 to"),
-        ({"clock": "free", "listen": "tcp/127.0.0.1:0"}, "listen: not for runs without rounds"),
+        ({"clock": "free", "repair": True}, "repair: not for runs without rounds"),
         ({"resume": tmp_path / "none.mcap"}, "system: the run that is resumed has its own"),
     ]
     for options, why in wrong:
@@ -314,6 +344,33 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     sound(more)
     with pytest.raises(InputError, match=r"run\.mcap\.keepers: not there"):
         run(Plan(resume=log, log=tmp_path / "third.mcap"))
+
+
+@pytest.mark.thorough
+def test_a_coordinator_that_is_killed_is_taken_up_where_logs_were_compacted(tmp_path: Path) -> None:
+    """The recording has what keepers have forgotten; without that it is refused."""
+    log, more, less = tmp_path / "run.mcap", tmp_path / "more.mcap", tmp_path / "less.mcap"
+    crowd = ("agv:graph=grid6x6,n=12", "--rule", "random", "--clock", "free", "--keepers", "1")
+    child = started(*crowd, "--processes", "2", "--max-rounds", "100000", "--log", str(log))
+    journal = keeper_logs(log) / "keeper_0.log"
+
+    def compacted() -> bool:
+        return journal.is_file() and b'"compacted"' in journal.read_bytes()[:1000]
+
+    until(lambda: less.exists() or (journal.is_file() and bool(shutil.copy(log, less))))
+    until(compacted, 240)
+    child.kill()
+    child.communicate()
+    assert journal.stat().st_size < 1 << 20
+    keeper_logs(log).rename(keeper_logs(less))
+    with pytest.raises(InputError, match=r"keeper_0\.log: begins after commit \d+, and \d+ were"):
+        run(Plan(resume=less, log=more))
+    assert not more.exists()
+    keeper_logs(less).rename(keeper_logs(log))
+    outcome = run(Plan(resume=log, log=more, max_rounds=1))
+    assert outcome.ended == "max-rounds"
+    assert outcome.moves >= 1000
+    sound(more)
 
 
 @pytest.mark.slow
@@ -388,6 +445,20 @@ def test_an_interrupt_closes_the_recording(tmp_path: Path) -> None:
     found = read_recording(log)
     assert not found.problems
     assert audit(found).ok
+
+
+@pytest.mark.thorough
+def test_a_run_that_was_interrupted_with_gaps_can_be_taken_up(tmp_path: Path) -> None:
+    """A keeper that stood still knows of moves that are not on record, and says so in its log."""
+    log, more, said = tmp_path / "run.mcap", tmp_path / "more.mcap", list[str]()
+    plan = Plan(system=CHAIN, clock="free", keepers=2, processes=1, speeds=SLOW, log=log)
+    with start(plan, say=said.append) as running:
+        running.until(lambda run: run.status.moves > 4)
+        running.signal("keeper_1", signal.SIGSTOP)
+        assert running.stop().ended == "interrupted"
+    assert said[-1].startswith("not all moves are on record: ")
+    assert run(Plan(resume=log, log=more)).ended == "goal"
+    sound(more)
 
 
 @pytest.mark.thorough

@@ -6,7 +6,7 @@ from dataclasses import replace as replace_scene
 from functools import cache
 
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from msgspec.structs import replace
 
 from cubepath.coordinator.normal_form.certificate import certificate_of
@@ -39,6 +39,7 @@ def fed(spec: str, arriving: list[Report]) -> Gatherer:
     return gatherer
 
 
+@settings(max_examples=20)
 @given(spec=st.sampled_from(SPECS), data=st.data())
 def test_order_and_duplicates_do_not_matter(spec: str, data: st.DataObject) -> None:
     """Any permutation, with any reports twice, gives the same edge path, cubes and digest."""

@@ -158,7 +158,6 @@ def test_what_is_played_is_checked_as_what_is_run(tmp_path: Path) -> None:
         most = "max_rounds" if each is play else "max_cycles"
         wrong: list[tuple[dict[str, Any], str]] = [
             *(({most: bad}, f"{most}={bad!r}: expected 0 or more") for bad in ("a", None, 2.5, -1)),
-            ({"watch": 5}, "watch=5: expected a function"),
             ({"seed": -1}, "seed=-1: expected 0 or more"),
             ({"seed": "a"}, "seed='a': expected 0 or more"),
             ({"hesitate": 7}, "hesitate=7: expected at least 0 and less than 1"),
@@ -172,6 +171,7 @@ def test_what_is_played_is_checked_as_what_is_run(tmp_path: Path) -> None:
                 each(**whole)
             assert str(error.value) == told
     for given, told in (
+        ({"watch": 5}, "watch=5: expected a function"),
         ({"lag": "x"}, "lag='x': expected 0 or more"),
         ({"jitter": "a"}, "jitter='a': expected a number"),
         ({"speeds": 5}, "speeds=5: expected factors by module, as in {0: 2}"),

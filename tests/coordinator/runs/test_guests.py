@@ -63,7 +63,7 @@ for mode in ("peer", "router"):
         "connect/endpoints": [sys.argv[1]],
         **settings_for(sys.argv[1], GUEST),
     }
-    session = zenoh.open(sessions._config(mode, **settings))
+    session = zenoh.open(sessions._config(mode, sys.argv[1], **settings))
     for topic in ("go/coordinator", "hello/me"):
         session.put(f"cubepath/{run}/{topic}", b"not json")
 """

@@ -2,11 +2,16 @@
 
 from random import Random
 
+import pytest
+
+from cubepath.coordinator.runs import collector
 from cubepath.coordinator.runs.collector import ASKS_MAX, Collector, SequenceTracker
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
+    Commit,
     CommitLog,
+    CommitQuery,
     FreeMessage,
     Halted,
     Requests,
@@ -16,7 +21,9 @@ from cubepath.protocol.wire.free_messages import (
     free_key,
 )
 from cubepath.protocol.wire.messages import encode
+from cubepath.protocol.wire.nodes import Put
 from cubepath.protocol.wire.outgoing_log import OutgoingLog
+from samples.free_runs import FreeRun
 
 
 def turns(*numbers: int, incarnation: int = 1) -> list[FreeMessage]:
@@ -107,3 +114,40 @@ def test_an_answer_to_an_earlier_order_does_not_count() -> None:
     answer = Halted(0, 3, incarnation=1)
     collector.receive(free_key("run", answer), encode(answer))
     assert collector.resting == {0}
+
+
+def test_keepers_are_told_what_is_in_the_file_once_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After many commits of one, and before whatever else is fetched; what is missing is kept."""
+    monkeypatch.setattr(collector, "RECORDED_STEP", 3)
+    scene = scene_from_spec("hex:n=5")
+    run = FreeRun("hex:n=5", keepers=2, seed=1)
+    commits = [each for each in run.play(12) if isinstance(each, Commit) and each.keeper == 0]
+    hears = Collector("run", FreeGatherer(scene, 2), 2, [range(5)])
+    flushed: list[int] = []
+
+    def said(*numbers: int) -> list[FreeMessage]:
+        for number in numbers:
+            moved = commits[number - 1]
+            hears.receive(free_key("run", moved), encode(moved))
+        effects = hears.record(lambda: flushed.append(hears.gatherer.known(0)))
+        return [decode_free(each.data) for each in effects if isinstance(each, Put)]
+
+    assert said(1, 2, 4, 5) == []
+    assert flushed == []
+    assert said(3) == [CommitQuery(0, 5, 5)]
+    assert flushed == [5]
+    assert said(6) == []
+    fetched = [decode_free(each.data) for each in hears.fetch() if isinstance(each, Put)]
+    assert fetched == [CommitQuery(0, 6, 5), CommitQuery(1, 0, 0)]
+
+
+def test_a_process_rests_only_if_its_last_incarnation_does() -> None:
+    """The one before it may wake when its successor is at work, and is told to halt too."""
+    gatherer = FreeGatherer(scene_from_spec("agv:graph=grid4x4,n=1"), 1)
+    collector = Collector("run", gatherer, 1, [[0]])
+    collector.halt()
+    rested = []
+    for message in (*turns(1, incarnation=2), Halted(0, 1, 1, 3), Halted(0, 1, 2, 1)):
+        collector.receive(free_key("run", message), encode(message))
+        rested.append(set(collector.resting))
+    assert rested == [set(), set(), {0}]

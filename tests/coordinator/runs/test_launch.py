@@ -452,7 +452,10 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_written(tmp_path: Path) -> 
     )
     log = tmp_path / "full.mcap"
     done = subprocess.run(
-        [sys.executable, "-c", code, "run", "hex:n=6", "--rule=random", f"--log={log}"],
+        [
+            *(sys.executable, "-c", code),
+            *("run", "hex:n=6", "--rule=random", "--processes=0", f"--log={log}"),
+        ],
         # Python before 3.12 would leave half of a file, for all who come after.
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,

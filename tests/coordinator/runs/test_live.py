@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from msgspec import json as wire
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.testing.commands import Command

@@ -13,10 +13,12 @@ from cubepath.agents.keepers.journal import (
     Committed,
     Decided,
     FileJournal,
+    MemoryJournal,
     Opened,
     Prepared,
     Record,
 )
+from cubepath.agents.keepers.keeper import Keeper, name_of
 from cubepath.coordinator.runs.resuming import check_logs
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
@@ -31,7 +33,7 @@ class Kept:
 
     def __init__(self, folder: Path, *, seed: int = 1, tails: bool = True) -> None:
         """Play it."""
-        run = FreeRun("hex:n=5", keepers=KEEPERS, seed=seed)
+        run = self.run = FreeRun("hex:n=5", keepers=KEEPERS, seed=seed)
         messages = run.play(15, restarts=2)
         recorded = messages if tails else messages[:1]
         path = write(folder / "run.mcap", run.scene, recorded, keepers=KEEPERS)
@@ -41,11 +43,25 @@ class Kept:
         self.records: list[list[Record]] = []
         for keeper in range(KEEPERS):
             self.records.append([*run.keepers[keeper]._journal.records()])
-            opened = Opened(self.incarnations.run, keeper, self.incarnations.incarnation)
-            with FileJournal(log_of(self.folder, keeper), opened) as journal:
-                for record in self.records[-1]:
-                    journal.append(record)
+            self.write(keeper, self.records[-1])
         self.logs = [log_of(self.folder, keeper).read_bytes() for keeper in range(KEEPERS)]
+
+    def write(self, keeper: int, records: list[Record]) -> None:
+        """Write a log that has these records."""
+        opened = Opened(self.incarnations.run, keeper, self.incarnations.incarnation)
+        path = log_of(self.folder, keeper)
+        path.unlink(missing_ok=True)
+        with FileJournal(path, opened) as journal:
+            for record in records:
+                journal.append(record)
+
+    def compacted(self, keeper: int, records: list[Record], recorded: int) -> list[Record]:
+        """Return the records of a log that was compacted after these, and begins after a commit."""
+        journal = MemoryJournal()
+        for record in records:
+            journal.append(record)
+        found = Keeper(keeper, self.run.scene, self.run.tiles, journal)
+        return [*found._compacted(min(recorded, found.commits))]
 
     def refusal(self) -> str:
         """Return why the logs as they are now are refused; nothing if they are not."""
@@ -110,6 +126,78 @@ def test_a_log_that_lacks_what_others_know_is_refused(
     assert kept.refusal().endswith("Is a directory, expected a keeper's log")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("keeper", range(KEEPERS))
+@pytest.mark.parametrize("forgotten", [3, 999])
+@pytest.mark.few(2)
+@pytest.mark.parametrize("seed", [3, 5, 7])
+def test_an_older_log_is_refused_if_logs_are_compacted(
+    tmp_path: Path, seed: int, keeper: int, forgotten: int
+) -> None:
+    """Whether the older one is compacted or not; what is believed lacks nothing of consequence."""
+    kept = Kept(tmp_path, seed=seed)
+    for other in range(KEEPERS):
+        kept.write(other, kept.compacted(other, kept.records[other], forgotten))
+    assert not kept.refusal()
+    records, believed = kept.records[keeper], 0
+    for end in range(len(records)):
+        left = records[:end]
+        for log in (left, kept.compacted(keeper, left, forgotten)):
+            kept.write(keeper, log)
+            refusal = kept.refusal()
+            assert not refusal or "older" in refusal
+            if not refusal:
+                believed += 1
+                assert all(of_no_consequence(each, records) for each in records[end:])
+    assert believed < len(records)
+
+
+def test_a_compacted_log_shows_who_has_not_acknowledged_a_commit(tmp_path: Path) -> None:
+    """The keeper before in the chain has prepared it."""
+    kept = Kept(tmp_path, tails=False)
+    first, last = kept.records
+    prepared = {
+        name_of(each.passed.attempt): place
+        for place, each in enumerate(first)
+        if isinstance(each, Prepared)
+    }
+    end, place = next(
+        (end, prepared[name_of(each.decision)])
+        for end, each in enumerate(last, 1)
+        if isinstance(each, Committed) and name_of(each.decision) in prepared
+    )
+    kept.write(1, kept.compacted(1, last[:end], 0))
+    kept.write(0, first[: place + 1])
+    assert not kept.refusal()
+    kept.write(0, first[:place])
+    assert re.search(r"keeper_0\.log: the last prepared attempt of module_", kept.refusal())
+
+
+def test_a_compacted_log_shows_in_which_epochs_modules_acted(tmp_path: Path) -> None:
+    """Also if all attempts in an epoch were refused: the keeper that granted it has logged that."""
+    kept = Kept(tmp_path, seed=4, tails=False)
+    first, _ = kept.records
+    end = next(
+        end
+        for end, each in enumerate(first, 1)
+        if isinstance(each, Decided) and each.decision.commit is None and each.decision.epoch > 1
+    )
+    kept.write(0, kept.compacted(0, first[:end], 0))
+    kept.write(1, [])
+    assert re.search(r"module_\d entered 1 times, expected 2 as in", kept.refusal())
+
+
+def test_a_log_that_begins_after_what_is_on_record_is_refused(tmp_path: Path) -> None:
+    """The commits before would be lost."""
+    kept = Kept(tmp_path)
+    count = sum(isinstance(each, Committed) for each in kept.records[0])
+    write(kept.recording.path.with_name("less.mcap"), kept.run.scene, [], keepers=KEEPERS)
+    kept.write(0, kept.compacted(0, kept.records[0], count))
+    assert not kept.refusal()
+    kept.recording = read_recording(kept.recording.path.with_name("less.mcap"))
+    assert re.search(rf"keeper_0\.log: begins after commit {count}, and 0 were", kept.refusal())
+
+
 def test_incarnations_that_are_older_than_a_log_are_refused(tmp_path: Path) -> None:
     """The next ones would not be later than those before."""
     kept = Kept(tmp_path)
@@ -142,4 +230,6 @@ def test_logs_of_another_run_are_refused(tmp_path: Path) -> None:
     other = Kept(tmp_path / "other", seed=2)
     shutil.rmtree(kept.folder)
     other.folder.rename(kept.folder)
-    assert re.search(r"run\.mcap: commit \d+ of keeper_\d .* differs from what", kept.refusal())
+    assert re.search(
+        r"keeper_\d\.log: commit \d+ of keeper_\d .* differs from what", kept.refusal()
+    )

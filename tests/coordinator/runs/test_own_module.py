@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.coordinator.testing.wire_messages import WireMessage
@@ -79,7 +79,7 @@ def test_verify_accepts_its_recording(outcome: Outcome) -> None:
     assert found.ok
     (unchecked,) = (check for check in found.checks if not check.checked)
     assert unchecked.name == "choices"
-    assert f"module_{MODULE}, whose process names a rule of its own: 'own'" in unchecked.detail
+    assert f"module_{MODULE}, whose process names its own rule: 'own'" in unchecked.detail
 
 
 @contextmanager
@@ -122,7 +122,7 @@ def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[None]
             thread.join()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_comes_twice_and_is_asked_again_changes_nothing(
     outcome: Outcome, tmp_path: Path
 ) -> None:

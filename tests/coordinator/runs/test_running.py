@@ -218,7 +218,7 @@ def test_a_kind_that_no_message_has_is_refused(tmp_path: Path) -> None:
         running.messages("summry")
     with pytest.raises(InputError, match=r"^kind 5: expected the name of a kind"):
         running.tap(5)  # type: ignore[arg-type] # pyright: ignore[reportArgumentType]
-    running.tap("claim", "hold", "held", "turn", "place", "commit", "summary", "certificate")
+    running.tap("claim", "attempt", "turn", "place", "commit", "summary", "certificate")
 
 
 @pytest.mark.slow

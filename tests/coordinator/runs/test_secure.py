@@ -16,7 +16,7 @@ from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client
 from processes.ears import Ear
-from processes.elsewhere import Commands
+from processes.elsewhere import Commands, Running
 
 pytestmark = pytest.mark.slow
 
@@ -142,7 +142,7 @@ def test_a_secure_run_with_a_process_elsewhere_takes_the_same_path(
         code, _, errors = commands.start(*arguments).end()
         assert (code, errors) == (
             2,
-            ["cubepath: secure: expected also --as process_N, the name of its certificate"],
+            ["cubepath: secure: expected also --as, the name of its certificate"],
         )
         code, _, errors = commands.start(*arguments, "--as=process_1").end()
         assert (code, errors) == (
@@ -154,6 +154,48 @@ def test_a_secure_run_with_a_process_elsewhere_takes_the_same_path(
         assert (code, json.loads(answer)["path_digest"]) == (0, digest)
         assert json.loads(answer)["processes"] == 3
         assert joined.end()[0] == 0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("clock", ["lockstep", "free"])
+def test_a_run_spans_routers_that_forward_for_their_own_alone(tmp_path: Path, clock: str) -> None:
+    """Each host with its folder; a process whose router is not listed for it is not heard."""
+    hosts = ["a.lan=process_0,keeper_0", "b.lan=process_1"]
+    make_certificates(tmp_path / "fleet", processes=3, keepers=2, hosts=hosts)
+    where = ("--listen=tls/127.0.0.1:0",)
+    with Commands(tmp_path) as commands:
+
+        def router(folder: str, *links: str) -> str:
+            started = commands.start("host", "router", *where, f"--secure={folder}", *links)
+            return started.says(r"listening on (\S+)")[1]
+
+        hub = router("fleet")
+        a, b = (router(f"fleet/{host}.lan", f"--connect={hub}") for host in "ab")
+        run = commands.start(
+            *("run", "hex:n=6", f"--clock={clock}", "--secure=fleet", f"--connect={hub}", "--json"),
+            *("--processes=1", *(("--keepers=2",) if clock == "free" else ())),
+            f"--wait-for={3 if clock == 'free' else 2}",
+        )
+        run.says("waiting for")
+        joins = [(a, "a", "process_0", "--modules=0-1"), (b, "b", "process_1", "--modules=2-3")]
+        joins += [(a, "a", "keeper_0", "")] * (clock == "free")
+        # It has the certificate, and its router lets it speak; the next one does not forward it.
+        (tmp_path / "fleet" / "b.lan" / "process_0.crt").symlink_to("../process_0.crt")
+        (tmp_path / "fleet" / "b.lan" / "process_0.key").symlink_to("../process_0.key")
+        wrong = (b, "b", "process_0", "--modules=0-1")
+        unheard = join(commands, *wrong)
+        unheard.says("waiting for run")
+        started = [join(commands, *each) for each in joins]
+        code, answer, errors = run.end()
+        assert (code, json.loads(answer)["goal_reached"]) == (0, True), errors
+        assert [each.end()[0] for each in started] == [0] * len(joins)
+        assert unheard.end()[0] == 1
+
+
+def join(commands: Commands, where: str, host: str, name: str, *more: str) -> Running:
+    """Start a process that joins from a host."""
+    secure = (f"--connect={where}", f"--secure=fleet/{host}.lan", f"--as={name}")
+    return commands.start("join", *secure, *filter(None, more))
 
 
 @pytest.mark.thorough

@@ -18,7 +18,7 @@ from samples.random_runs import random_run
 
 @pytest.mark.few(1)
 @pytest.mark.slow
-@pytest.mark.parametrize(("spec", "dark"), [("hex:n=4", False), ("polygon:n=6", True)])
+@pytest.mark.parametrize(("spec", "dark"), [("arm:n=5", False), ("polygon:n=6", True)])
 def test_every_frame_shows_both(tmp_path: Path, spec: str, dark: bool) -> None:
     """Read back, the film has the pictures of all steps, though only what changes is stored."""
     scene, rounds, _ = random_run(spec, 8)

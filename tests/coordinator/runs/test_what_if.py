@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from cubepath.agents.environments.world import World
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.outcome import Outcome
@@ -161,14 +161,14 @@ def _action(world: World, module: int, generator: str, at: Any) -> int:
     )
 
 
-@pytest.mark.few(1)
+@pytest.mark.thorough
 @pytest.mark.parametrize("rule", ["tswap", "random"])
 def test_the_digest_does_not_depend_on_processes(rule: str) -> None:
     """The same command gives the same path, in a thread and in processes."""
     parent = recorded(CROWD, "tswap", rounds=10)
     once, again, spread = (
         gone_on(parent, rule, 4, seed=2, max_rounds=12, processes=processes)
-        for processes in (0, 0, 3)
+        for processes in (0, 0, 2)
     )
     assert once.path_digest == again.path_digest == spread.path_digest
     checked(spread)

@@ -47,7 +47,7 @@ def test_the_scene_of_a_plan_is_built_when_it_is_asked_for() -> None:
     """It can take long, and shortening does not need it: the moves tell enough of the start."""
     found = read_input(PLANS / "lacam.txt", None, ROOM)
     assert found.given_scene is None
-    assert found.start == found.numbered.told_start()
+    assert found.start == found.numbered.stated_start()
     assert found.scene is found.scene
     assert found.scene is not None
 

@@ -25,9 +25,8 @@ def drawn(seed: int, count: int = 2000) -> list[Fault]:
         each
         for nth in range(count)
         for each in (
-            *(faults.on_hop(f"{name} {way}", nth) for name in NAMES for way in ("up", "down")),
-            *(faults.on_process(name, nth) for name in ("coordinator", *NAMES)),
-            faults.on_router(nth),
+            *(faults.at(f"{name} {way}", nth) for name in NAMES for way in ("up", "down")),
+            *(faults.at(name, nth) for name in ("coordinator", *NAMES, ROUTER)),
         )
     ]
     return [fault for fault in asked if fault is not None]
@@ -73,7 +72,7 @@ def test_a_list_gives_what_is_on_it_and_nothing_else() -> None:
     fault = Fault("process_0 up", 7, "delay", 12)
     death = Fault(ROUTER, 2, "router", 5)
     listed = ListedFaults([fault, death])
-    assert listed.on_hop("process_0 up", 7) == fault
-    assert listed.on_hop("process_0 up", 6) is None
-    assert listed.on_process("process_0", 7) is None
-    assert [listed.on_router(nth) for nth in range(4)] == [None, None, death, None]
+    assert listed.at("process_0 up", 7) == fault
+    assert listed.at("process_0 up", 6) is None
+    assert listed.at("process_0", 7) is None
+    assert [listed.at(ROUTER, nth) for nth in range(4)] == [None, None, death, None]

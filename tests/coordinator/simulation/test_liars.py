@@ -179,7 +179,7 @@ def test_every_kind_of_lie_is_drawn_and_in_some_runs_none() -> None:
         faults = DrawnFaults(Random(seed), "coordinator", names, 10**6, Random(seed))  # noqa: S311
         liars[len(faults.liars)] += 1
         for name in names:
-            found = (faults.on_saying(name + SAYS, nth, LIES) for nth in range(100))
+            found = (faults.at(name + SAYS, nth, LIES) for nth in range(100))
             told = {fault.kind for fault in found if fault is not None}
             assert not told or name in faults.liars
             kinds |= told

@@ -1,5 +1,6 @@
 """The simulated wire: what arrives, in which order, and what faults do, with a toy protocol."""
 
+from functools import partial
 from random import Random
 
 import pytest
@@ -46,7 +47,7 @@ def talked(
 ) -> list[bytes]:
     """Return what one process hears of another that does as it is told a second after the start."""
     box: list[SimulatedNetwork] = []
-    network = SimulatedNetwork(faults, 0)
+    network = SimulatedNetwork(faults.at, 0)
     box.append(network)
 
     class Late(Talker):
@@ -76,7 +77,7 @@ def test_who_listens_receives() -> None:
 def test_who_puts_does_not_receive() -> None:
     """A node that listens to a key does not receive what it puts there itself."""
     box: list[SimulatedNetwork] = []
-    network = SimulatedNetwork(ListedFaults(()), 0)
+    network = SimulatedNetwork(ListedFaults(()).at, 0)
     box.append(network)
     own = Talker(box, Listen(("a",)), Put("a", b"1"), Timer(1))
     network.add("coordinator", lambda: own)
@@ -87,7 +88,7 @@ def test_who_puts_does_not_receive() -> None:
 def test_listening_takes_effect_when_the_router_hears_of_it() -> None:
     """What is put before the router knows a listener is not delivered; nor after it ignores."""
     box: list[SimulatedNetwork] = []
-    network = SimulatedNetwork(ListedFaults(()), 0)
+    network = SimulatedNetwork(ListedFaults(()).at, 0)
     box.append(network)
     ear = Talker(box, Listen(("a",)), Timer(1))
     mouth = Talker(box, Put("a", b"1"))
@@ -121,7 +122,7 @@ def test_a_timer_ticks_once_and_the_last_one_counts() -> None:
             return [Timer(3)] if len(self.received) == 1 else [End()]
 
     box: list[SimulatedNetwork] = []
-    network = SimulatedNetwork(ListedFaults(()), 0)
+    network = SimulatedNetwork(ListedFaults(()).at, 0)
     box.append(network)
     clock = Clock(box, Timer(1), Timer(2))
     network.add("coordinator", lambda: clock)
@@ -215,7 +216,7 @@ def test_a_pause_takes_its_time_and_loses_nothing(who: str) -> None:
     network, _, workers, trace = counted(one("pause", who, 3, 7 * SECOND_US))
     assert 6.99 * SECOND_US < network.now_us - plain.now_us < 8 * SECOND_US
     assert [worker.counted for worker in workers] == [20] * 3
-    assert [(span.who, span.kind) for span in trace.spans] == [(who, "pause")]
+    assert [(span.process, span.kind) for span in trace.spans] == [(who, "pause")]
 
 
 def test_a_slow_receiver_takes_longer_for_some_messages() -> None:
@@ -247,7 +248,115 @@ def test_the_router_comes_back_with_its_subscriptions() -> None:
     assert network.ended is None
     assert [worker.counted for worker in workers] == [20] * 3
     assert any(arrow.fate == "lost" for arrow in trace.arrows)
-    assert [(span.who, span.kind) for span in trace.spans] == [(ROUTER, "router")]
+    assert [(span.process, span.kind) for span in trace.spans] == [(ROUTER, "router")]
+
+
+class Beacon:
+    """Puts its name again and again, and keeps whom it hears, with the tenth of a second."""
+
+    def __init__(self, name: str) -> None:
+        self.heard: list[tuple[str, int]] = []
+        self._name = name
+        self._ticks = 0
+
+    def start(self) -> list[Effect]:
+        return [Listen(("of/**",)), *self.tick()]
+
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        self.heard.append((key.removeprefix("of/"), int(data)))
+        return []
+
+    def tick(self) -> list[Effect]:
+        self._ticks += 1
+        ends = [End()] if self._ticks == 30 and self._name == "a" else []
+        return [Put(f"of/{self._name}", b"%d" % self._ticks), Timer(0.1), *ends]
+
+
+def heard_apart(kind: str, hosts: int) -> list[str]:
+    """Return who misses whom of four, of whom a and c are on one host, while a fault lasts."""
+    network = SimulatedNetwork(one(kind, ROUTER, 60, SECOND_US).at, 5, hosts=hosts)
+    made = {name: Beacon(name) for name in "abcd"}
+    for name in made:
+        network.add(name, partial(made.__getitem__, name))
+    network.run(5000, PATIENCE_US)
+    assert [fault.kind for fault in network.fired] == [kind]
+    for own, beacon in made.items():  # before the fault, and after it
+        assert {name for name, at in beacon.heard if at < 10} == {*made} - {own}
+        assert {name for name, at in beacon.heard if at > 28} == {*made} - {own}
+    return [
+        f"{one} {other}"
+        for one in made
+        for other in made
+        if one != other and (other, 20) not in made[one].heard
+    ]
+
+
+def test_a_partition_is_between_hosts() -> None:
+    """What is on one host hears each other; one-way, one side still hears the other."""
+    ways = ["a b", "a d", "c b", "c d"], ["b a", "b c", "d a", "d c"]
+    assert sorted(heard_apart("partition", 2)) == sorted([*ways[0], *ways[1]])
+    assert sorted(heard_apart("one-way", 2)) in [sorted(way) for way in ways]
+
+
+def test_each_host_has_a_router() -> None:
+    """When that dies, those of its host hear nobody and are not heard; the others are."""
+    lost = heard_apart("router", 2)
+    assert "a c" in lost or "b d" in lost
+    assert len(lost) == 10
+    assert len(heard_apart("router", 0)) == 12
+
+
+def test_the_processes_of_a_host_die_together() -> None:
+    """And come back without memory; the first of all, which ends the run, does not."""
+    network, _, workers, _ = counted(one("host", ROUTER, 60, SECOND_US))
+    assert network.ended is None
+    assert [worker.number for worker in workers] == [0, 1, 2, 0, 1, 2]
+
+
+def test_a_process_that_was_replaced_wakes_up() -> None:
+    """Its successor has done its work meanwhile; then it takes all that came for it."""
+    network, _, workers, trace = counted(one("twin", "process_1", 5, SECOND_US // 2))
+    assert network.ended is None
+    assert [worker.number for worker in workers] == [0, 1, 2, 1]
+    before, after = workers[1].counted, workers[3].counted
+    assert before < 20 <= before + after
+    assert any(arrow.fate == "arrived" and arrow.sender == "process_1" for arrow in trace.arrows)
+
+
+def test_one_that_was_replaced_and_ends_is_not_away() -> None:
+    """Its successor has its place, so nothing is to come back."""
+    box: list[SimulatedNetwork] = []
+    network = SimulatedNetwork(one("twin", "process_0", 0, SECOND_US).at, 0)
+    box.append(network)
+    made = iter((Talker(box, Timer(1)), Talker(box)))
+    network.add("coordinator", lambda: Talker(box, Timer(5)))
+    network.add("process_0", lambda: next(made))
+    network.run(100, PATIENCE_US)
+    assert next(made, None) is None
+    assert network.away == ["coordinator"]  # whose end was the end of the run
+
+
+def test_a_process_that_was_replaced_does_not_come_back() -> None:
+    """When its host dies, its successor alone is started again, and nobody waits for it."""
+    faults = Fault("process_1", 5, "twin", 9 * SECOND_US), Fault(ROUTER, 60, "host", SECOND_US)
+    network, _, workers, _ = counted(ListedFaults(faults))
+    assert {*network.fired} == {*faults}
+    assert [worker.number for worker in workers] == [0, 1, 2, 1, 0, 1, 2]
+    assert "process_1" not in network.away
+
+
+def test_a_timer_is_early_after_a_clock_jump() -> None:
+    """It ticks once more in the same time, and as often afterwards as before."""
+
+    def said(*faults: Fault) -> int:
+        network = SimulatedNetwork(ListedFaults(faults).at, 0)
+        made = {name: Beacon(name) for name in "ab"}
+        for name in made:
+            network.add(name, partial(made.__getitem__, name))
+        network.run(1000, PATIENCE_US)
+        return len(made["a"].heard)
+
+    assert said(Fault("b", 2, "jump")) == said() + 1
 
 
 def test_a_node_that_raises_is_told_from_one_that_ends() -> None:
@@ -263,7 +372,7 @@ def test_a_node_that_raises_is_told_from_one_that_ends() -> None:
 
     def against(node: type[Talker]) -> SimulatedNetwork:
         box: list[SimulatedNetwork] = []
-        network = SimulatedNetwork(ListedFaults(()), 0)
+        network = SimulatedNetwork(ListedFaults(()).at, 0)
         box.append(network)
         counter = Counter(1, 3)
         network.add("coordinator", lambda: counter)
@@ -286,7 +395,7 @@ def test_a_run_without_end_is_stopped() -> None:
             return [Timer(1)]
 
     def of(node: Node) -> SimulatedNetwork:
-        network = SimulatedNetwork(ListedFaults(()), 0)
+        network = SimulatedNetwork(ListedFaults(()).at, 0)
         box[:] = [network]
         network.add("coordinator", lambda: node)
         return network

@@ -47,7 +47,7 @@ def test_without_faults_the_goal_is_reached(scenario: Scenario) -> None:
 def test_a_real_run_has_the_same_path() -> None:
     """The same plan over zenoh gives the same edge path and the same cubes."""
     log = new_path()
-    outcome = run(Plan("hex:n=4", "chain", seed=7, processes=3, max_rounds=1000, log=log))
+    outcome = run(Plan("hex:n=4", "chain", seed=7, processes=2, max_rounds=1000, log=log))
     found = verify(played(HEX).recording)
     assert (outcome.path_digest, outcome.cubes) == (found.path_digest, found.cubes)
     assert verify(read_recording(log)).path_digest == found.path_digest

@@ -16,10 +16,9 @@ from cubepath.coordinator.simulation.swarm import (
     LockstepSwarm,
     SeedTally,
     command_of,
-    label,
+    shrunk,
     simulate_seeds,
     simulator_of,
-    small,
 )
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
@@ -96,7 +95,7 @@ def test_shrinking_fails_in_the_same_way() -> None:
     seed = first_failing(Raises)
     raising = LockstepSwarm(LINES, Raises)
     found = raising.run_of(seed)
-    left = small(found, seed, raising)
+    left = shrunk(found, seed, raising)
     assert found.failure is not None
     assert left.failure is not None
     assert left.failure.kind == found.failure.kind == "raised"
@@ -110,7 +109,7 @@ def test_shrinking_fails_in_the_same_way() -> None:
 def test_a_run_that_holds_is_not_shrunk() -> None:
     """There is nothing that could be made small."""
     with pytest.raises(ValueError, match="nothing to shrink"):
-        small(LockstepSwarm(LINES).run_of(0), 0, LockstepSwarm(LINES))
+        shrunk(LockstepSwarm(LINES).run_of(0), 0, LockstepSwarm(LINES))
 
 
 @pytest.mark.thorough
@@ -163,8 +162,8 @@ def test_messages_are_labelled() -> None:
     here = Presence(3, 1, (0, 0))
     claim = Claim(3, 1, (0, 0), "left", (0, 0))
     said = Bundle(3, "sense", 0, "0,1", 0, [here, here, claim])
-    assert label(encode(said)) == "2 presence, claim to 0,1"
-    assert label(encode(Go(3, "claim"))) == "go 3 claim"
-    assert label(encode(Ready(3, 0, "claim"))) == "ready 3 claim"
-    assert label(encode(Reports(3, 0, []))) == "reports 3"
-    assert label(b"?") == "no message"
+    assert LockstepSwarm.label(encode(said)) == "2 presence, claim to 0,1"
+    assert LockstepSwarm.label(encode(Go(3, "claim"))) == "go 3 claim"
+    assert LockstepSwarm.label(encode(Ready(3, 0, "claim"))) == "ready 3 claim"
+    assert LockstepSwarm.label(encode(Reports(3, 0, []))) == "reports 3"
+    assert LockstepSwarm.label(b"?") == "no message"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.testing import ward
+from cubepath.coordinator.testing import subreaper
 from cubepath.coordinator.testing.commands import LINE_BYTES_MAX, LINES_MAX, Command, Guard
 from cubepath.protocol.core.errors import CheckError, InputError
 from processes.living import is_there
@@ -105,11 +105,11 @@ def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
 LATE = """
 import os, sys
 sys.path.insert(0, sys.argv[1])
-from ward import Ward
-ward = Ward(os.open(os.devnull, os.O_WRONLY), [])
-ward._parent = -1
-ward.wait()
-ward.end()
+from subreaper import Subreaper
+subreaper = Subreaper(os.open(os.devnull, os.O_WRONLY), [])
+subreaper._parent = -1
+subreaper.wait()
+subreaper.end()
 """
 
 
@@ -117,7 +117,7 @@ def test_what_a_guard_was_told_last_counts(tmp_path: Path) -> None:
     """Though who told it is gone before it has read that."""
     folder = tmp_path / "folder"
     folder.mkdir()
-    where = str(Path(ward.__file__).parent)
+    where = str(Path(subreaper.__file__).parent)
     with Command("sleep 1000") as command:
         told = f"watch {command.pid}\nfolder {folder}\n"
         start = [sys.executable, "-I", "-S", "-c", LATE, where]

@@ -297,7 +297,7 @@ def test_a_rule_that_meets_too_little_says_what_it_met() -> None:
         ({"times": 0}, "times=0: expected 1 or more"),
         ({"after": -1}, "after=-1: expected 0 or more"),
         ({"probability": 0.0}, "probability=0.0: expected more than 0, at most 1"),
-        ({"seconds": -1.0}, "seconds=-1.0: expected 0 to 3600"),
+        ({"seconds": -1.0}, "seconds=-1: expected 0 to 3600 seconds"),
         ({"by": 0}, "by=0: expected 1 or more"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import sys
 from collections import Counter
+from typing import Any
 
 import pytest
 
@@ -9,7 +10,6 @@ from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
 from cubepath.coordinator.testing.fixtures import ReplayFixture
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.replaying import replay_into
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import belongs
 from cubepath.protocol.wire.messages import Bundle, Reports, decode
@@ -33,16 +33,22 @@ with zenoh.open(zenoh.Config.from_json5(settings)) as session:
 """
 
 
-def test_a_function_is_called_with_each_message_in_order() -> None:
+def test_a_function_is_called_with_each_message_in_order(cubepath_replay: ReplayFixture) -> None:
     """With the bytes on record and a key of the run; or with some of them."""
     log = RunLog(recorded("hex:n=4", "chain", processes=2, rounds=5))
-    found = replay_into(log, lambda seen: seen, run="r")
+    found = cubepath_replay.into(log, lambda seen: seen, run="r")
     said = [each for each in log.all_deliveries if each.kind not in ("edges", "cube")]
     assert [each.data for each in found] == [
         each.data for each in said if each.kind not in ("certificate", "summary")
     ]
     assert all(belongs("r", each.key, decode(each.data)) for each in found)
-    assert replay_into(log, lambda seen: seen.round, "reports", module=0) == [1, 2, 3, 4, 5]
+    assert cubepath_replay.into(log, lambda seen: seen.round, "reports", module=0) == [
+        1,
+        2,
+        3,
+        4,
+        5,
+    ]
 
 
 def test_a_free_recording_is_replayed_as_well(cubepath_replay: ReplayFixture) -> None:
@@ -104,7 +110,7 @@ def test_live_modules_are_tried_against_a_log(cubepath_replay: ReplayFixture) ->
     """The same to the end; a divergence fails the test, and no divergence one that expects it."""
     path = GOLDEN / "hex-5.mcap"
     assert cubepath_replay.live(path, [1, 2], processes=0).rounds == 29
-    other = {"rule": "random", "processes": 0}
+    other: dict[str, Any] = {"rule": "random", "processes": 0}
     with pytest.raises(AssertionError, match=r"for 3 rounds, then round 4, module_1: claims "):
         cubepath_replay.live(path, [1, 2], **other)
     found = cubepath_replay.live(path, [1, 2], diverging=True, **other)
@@ -124,7 +130,7 @@ def test_another_rule_takes_over_from_a_round_on(cubepath_replay: ReplayFixture)
     early = (moves["round"] < 5).sum()
     assert moves["module"][:early].tolist() == parent.recording.moves()["module"][:early].tolist()
     assert log.recording.parameters["parent"] == "agv-6.mcap"
-    assert cubepath_replay.told() == [
+    assert cubepath_replay._places.report_lines() == [
         f"recording {log.recording.path}: rule random from round 5 on"
     ]
     with pytest.raises(AssertionError, match="from round 5 on: it ended: max-rounds"):
@@ -136,7 +142,7 @@ def test_another_rule_takes_over_from_a_round_on(cubepath_replay: ReplayFixture)
 def test_a_rule_that_gives_up_fails_a_what_if(cubepath_replay: ReplayFixture) -> None:
     """Unless that is expected."""
     path = GOLDEN / "hex-5.mcap"
-    given = {"from_round": 3, "processes": 0}
+    given: dict[str, Any] = {"from_round": 3, "processes": 0}
     with pytest.raises(AssertionError, match="rule chain from round 3 on: rule 'chain': no goal"):
         cubepath_replay.what_if(path, "chain", **given)
     assert cubepath_replay.what_if(path, "chain", failing=True, **given).rounds <= 3

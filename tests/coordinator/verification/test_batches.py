@@ -92,7 +92,7 @@ def test_a_part_that_differs_between_two_batches_is_named() -> None:
     [
         ({"region": "7,7"}, "goes to region 7,7 in vain"),
         ({"number": 2}, "what it said to region 0,0 in phase claim is numbered [2], not from 0 on"),
-        ({"phase": "sense"}, "claim is said in phase sense, not in claim"),
+        ({"phase": "sense"}, "claim was sent in phase sense, not in claim"),
         ({"parts": []}, "it heard claim of module_"),
     ],
 )

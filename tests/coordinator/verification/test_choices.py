@@ -44,7 +44,7 @@ def test_what_is_derived_is_what_modules_observe(spec: str, data: st.DataObject)
         if length and data.draw(st.booleans()):
             note = data.draw(numbers)
             notes[system.place_of(site)] = tuple(note)
-            said.said["note", module] = Note(1, module, None, note)
+            said.messages["note", module] = Note(1, module, None, note)
     moment = Moment(1, tuple(sites), frozenset(state), said)
     found = Observing(scene).observations(moment, length)
     occupants = {system.place_of(site): site for site in sites}

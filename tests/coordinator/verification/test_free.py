@@ -2,13 +2,14 @@
 
 import json
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from changed_values import put
 from counted_lines import lines_of
@@ -19,9 +20,10 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import Commit, decode_free
+from cubepath.protocol.wire.free_messages import Commit, FreeMessage, Turns, decode_free
 from samples.free_numbers import numbered
 from samples.free_runs import asked, free_recorded, free_run, results, write
+from samples.recordings import new_path
 
 SPECS = (
     "agv:graph=grid6x6,n=6",
@@ -78,6 +80,31 @@ def test_a_run_of_keepers_passes_every_check(spec: str, seed: int) -> None:
     whole = gathered(recording)
     assert (found.complete, found.path_digest, found.rounds) == (True, whole.digest, whole.rounds)
     assert (found.moves, found.cubes) == (whole.heap.moves, whole.heap.cubes)
+
+
+def test_a_process_that_was_replaced_may_see_more_than_its_successor_did(tmp_path: Path) -> None:
+    """It wakes, and chooses in its old epoch at a later version; the successor begins no earlier
+    than it entered."""
+    scene, messages = free_run("agv:graph=grid6x6,n=6", restarts=1)
+    turns = [part for message in messages if isinstance(message, Turns) for part in message.parts]
+    last = next(turn for turn in reversed(turns) if turn.epoch > 1)
+    own = [turn for turn in turns if turn.module == last.module]
+    early, *_, before = [turn for turn in own if turn.epoch == 1]
+    assert early.version < before.version < last.version
+
+    def why(messages: Sequence[FreeMessage]) -> str:
+        whole = [*numbered(messages), *results(scene, messages, 3)]
+        found = verify(read_recording(write(new_path(), scene, whole)))
+        return next((check.detail for check in found.checks if check.name == "turns"), "")
+
+    late = structs.replace(last, epoch=1, turn=before.turn + 1, number=last.number and 99)
+    assert not why([*messages, Turns(last.module % 2, [late])])
+    first = next(turn for turn in own if turn.epoch > 1)
+    earlier = Turns(last.module % 2, [structs.replace(early, epoch=first.epoch, turn=1)])
+    forged = [
+        earlier if isinstance(each, Turns) and each.parts == [first] else each for each in messages
+    ]
+    assert why(forged).endswith(f"in epoch {first.epoch}: it never entered so")
 
 
 NOT_PROVED = {

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 from msgspec.structs import replace
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification import rounds as rederive

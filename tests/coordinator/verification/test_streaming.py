@@ -8,7 +8,7 @@ from dataclasses import replace as with_fields
 import pytest
 from msgspec.structs import replace
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.verification.findings import Check, Verification
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import InputError

@@ -1,25 +1,26 @@
 """Catalogues: the three systems give the numbers that the paper states."""
 
 import re
-from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.catalogue import (
+    DODECAHEDRA,
     EDGES,
     HEX_DIRECTIONS,
     HEXAGONS,
-    LATTICES,
     SQUARES,
     Catalogue,
     Cell,
     Generator,
 )
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.complexes import f_vector, shape_f_vector, states_of
 
 STEP = Generator(
@@ -98,11 +99,18 @@ def test_a_translation_leaves_the_orbit_as_it_is() -> None:
     assert EDGES.between((1, 2, 1), (11, -18, 1)) == (10, -20)
     assert EDGES.between((1, 2, 1), (11, -18, 0)) is None
     assert HEXAGONS.between((1, 2), (0, 5)) == (-1, 3)
-    assert [(each.name, each.dimension, each.arity) for each in LATTICES.values()] == [
-        ("hexagons", 2, 2),
-        ("squares", 2, 2),
-        ("edges", 2, 3),
-    ]
+
+
+def test_dodecahedra_lie_at_points_with_an_even_sum() -> None:
+    """A site or a translation with an odd sum is refused."""
+    assert DODECAHEDRA.check((1, -1, 2)) == (1, -1, 2)
+    with pytest.raises(InputError, match=r"with an even sum, found \(1, 0, 0\)$"):
+        DODECAHEDRA.check((1, 0, 0))
+    roll = Generator("roll", ends := ((0, 0, 0), (1, 1, 0)), ends, ends[:1], ends[1:], (ends,))
+    system = LatticeSystem(Catalogue(DODECAHEDRA, (roll,)))
+    assert system.action("roll", (0, 1, 1)).label == "roll at [0, 1, 1]"
+    with pytest.raises(InputError, match=r"'at' is 3 integers with an even sum"):
+        system.action("roll", (1, 0, 0))
 
 
 def test_a_generator_is_placed_with_all_that_it_says() -> None:
@@ -233,7 +241,7 @@ def test_hexagonal_shape_complex_of_three() -> None:
 @pytest.mark.parametrize(("keeps", "size"), [(True, 8), (False, 6)])
 def test_hexagonal_supports(keeps: bool, size: int) -> None:
     """Six generators, supports of eight and six cells, traces of two, one cell on beside them."""
-    catalogue = hex_catalogue(keeps_topology=keeps)
+    catalogue = page_catalogue("hexagons-1" if keeps else "hexagons-2")
     assert len(catalogue.generators) == 6
     for generator in catalogue.generators:
         assert len(set(generator.support)) == size
@@ -243,7 +251,7 @@ def test_hexagonal_supports(keeps: bool, size: int) -> None:
 
 def test_the_generators_are_one_up_to_rotation() -> None:
     """Turning a generator by sixty degrees gives another generator of the catalogue."""
-    catalogue = hex_catalogue(keeps_topology=True)
+    catalogue = page_catalogue("hexagons-1")
 
     def turn(cell: tuple[int, ...]) -> tuple[int, int]:
         return -cell[1], cell[0] + cell[1]

@@ -135,7 +135,7 @@ def everything(found: NumberedPath | str) -> Any:
         found.numbers.tolist(),
         found.ends.tolist(),
         found.names or None,  # of no moves there are none
-        found.told_start(),
+        found.stated_start(),
     )
 
 
@@ -180,7 +180,7 @@ def test_what_means_the_same_is_the_same_however_it_is_written(
         found = quickly(path)
     if isinstance(found, NumberedPath):
         assert isinstance(found.actions, TabledActions)
-        start = found.told_start()
+        start = found.stated_start()
         assert found.actions.made == 0
         assert start == obvious_start(found)
     assert everything(found) == everything(plainly(path))

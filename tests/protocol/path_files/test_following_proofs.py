@@ -26,7 +26,6 @@ PROOF = FollowingProof(
     edges=[(0, 1), (1, 2), (2, 3)],
     refuted=0,
     solver="some solver",
-    standing="agreed",
     variables=np.array([[0, 0, 0, 0], [1, 0, 1, 0], [2, 1, 3, 4]], dtype=np.int32),
     log=[b"a\x02", b"\x00"],
     schedule=[[(0, 1), (1, 3)], []],

@@ -38,7 +38,6 @@ def small(log: bytes = b"a\x02\x05\x00") -> OptimalityProof:
         refuted=1,
         cubes=2,
         solver="some solver",
-        standing="proved",
         moves=[STEP, GUARDED],
         sites=[1, (2, "x"), "f", 2, 3, 4],
         variables=np.array([[0, 1, 2], [1, 3, 1], [2, 0, 1]], dtype=np.int32),

@@ -13,9 +13,10 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.file_forms import read_plan
 from cubepath.protocol.scenes.families.triangulations import random_points
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import PointSet, Triangles, all_quadrilaterals
+from cubepath.protocol.systems.flips import FlipSystem, all_quadrilaterals
+from cubepath.protocol.systems.point_sets import PointSet, Triangles
 from oracles.cells import Cell, cell_of
+from oracles.point_grids import meet
 from samples.plans import DATA, actions_read, flips_2026, moves_read, save
 from samples.strategies import random_walk, scene
 
@@ -225,7 +226,8 @@ def test_what_is_no_triangulation_is_found(seed: int, points_seed: int) -> None:
     moving = sorted({cell_of(site) for move in system.listed for site in move.action.trace})
     edges = subsets(moving, seed)
     known = [*edges, *system.kept]
-    crossed = any(plane.cross(one, other) for one, other in combinations(known, 2))
+    points = list(plane.points)
+    crossed = any(meet(points, one, other) for one, other in combinations(known, 2))
     expected = not crossed and len(known) == len(plane.sweep("right"))
 
     def taken(check: Callable[[list[Cell]], object]) -> bool:

@@ -15,7 +15,7 @@ from cubepath.protocol.core.actions import Action, State, admissible, apply, com
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import RING, hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -140,7 +140,7 @@ def test_the_chain_reaches_its_goal_through_connected_states(count: int) -> None
 
 def test_filled_obstacles_count_for_connectedness() -> None:
     """Two modules that only an obstacle joins are connected; without it they are not."""
-    catalogue = hex_catalogue(keeps_topology=False)
+    catalogue = page_catalogue("hexagons-2")
     floor = LatticeSystem(catalogue, filled=[(1, 0)], connected=True)
     assert Scene("floor", "", floor, start=((0, 0), (2, 0))).start_state == {(0, 0), (1, 0), (2, 0)}
     with pytest.raises(InputError, match="gap: the start breaks the rule for the whole aggregate"):
@@ -158,15 +158,6 @@ def test_the_rule_outlives_files_and_pickling(spec: str) -> None:
         assert not again.system.local
         assert scene_to_toml(again) == text
         assert not again.system.legal({(0, 0), (2, 0)})
-
-
-def test_only_hexagons_can_be_connected() -> None:
-    """The key is refused on a lattice for which the rule is not defined."""
-    text = scene_to_toml(scene_from_spec("arm:n=2")).replace(
-        "[lattice]", "[lattice]\nconnected = true"
-    )
-    with pytest.raises(InputError, match="connected: expected lattice 'hexagons', found 'edges'"):
-        scene_from_toml(text, "text")
 
 
 def test_a_shape_that_is_none_is_refused() -> None:
@@ -207,6 +198,7 @@ def test_run_and_shorten_refuse_it(
 
 def test_the_ring_is_what_its_picture_shows() -> None:
     """Eleven modules in a ring, in order, each beside the next; the twelfth closes it again."""
-    ring, double = RING[:11], RING[11]
+    start = scene_from_spec("hex-connected:scene=ring").start
+    ring, double = start[:11], start[11]
     assert all(beside(ring[number], ring[(number + 1) % 11]) for number in range(11))
     assert {cell for cell in ring if beside(cell, double)} == {(3, 0), (2, 0), (2, -1)}

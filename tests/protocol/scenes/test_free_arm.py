@@ -1,9 +1,9 @@
 """The arm with all rotations of its generators: it stays one arm at its base, and can be stuck."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.catalogue import EDGES, Catalogue, Generator

@@ -11,7 +11,7 @@ from cubepath.protocol.core.actions import admissible, apply
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Catalogue
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue, monkey_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.cells import Cell, cells_of
@@ -78,7 +78,7 @@ def turns_of(catalogue: Catalogue) -> list[Turn]:
 @pytest.mark.slow
 def test_the_moves_are_all_double_turns() -> None:
     """Hexagons moved in the plane come to the same cells, and meet the cells that must be off."""
-    moves = turns_of(monkey_catalogue())
+    moves = turns_of(page_catalogue("hexagons-3"))
     assert len(moves) == len(set(moves)) == 24
     assert set(moves) == set(double_turns())
 
@@ -127,14 +127,16 @@ SHAPES = {2: 3, 3: 11, 4: 44, 5: 186, 6: 814, 7: 3652}
 def test_all_shapes_reach_one_another(size: int) -> None:
     """From the chain moves that keep the aggregate connected lead to every connected shape."""
     chain: Shape = frozenset((place, 0) for place in range(size))
-    assert len(reached(monkey_catalogue(), chain)) == SHAPES[size]
+    assert len(reached(page_catalogue("hexagons-3"), chain)) == SHAPES[size]
 
 
 @pytest.mark.slow
 def test_the_ring_opens() -> None:
     """No pivot of catalogue 1 leads from the ring of six; with catalogue 3 it becomes a chain."""
-    assert reached(hex_catalogue(keeps_topology=True), RING) == {from_zero(RING)}
-    assert frozenset((place, 0) for place in range(6)) in reached(monkey_catalogue(), RING)
+    assert reached(page_catalogue("hexagons-1"), RING) == {from_zero(RING)}
+    assert frozenset((place, 0) for place in range(6)) in reached(
+        page_catalogue("hexagons-3"), RING
+    )
 
 
 @pytest.mark.parametrize("rule", ["random", "metropolis"])

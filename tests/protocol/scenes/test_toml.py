@@ -77,7 +77,7 @@ def test_goals_of_labelled_vehicles_are_vertices() -> None:
         ('[["lane"], ["dock"]]', r"goals\[0\]: \('lane', 0\) is no site of the goal"),
         ('[["dock", "lane"]]', r"goals\[0\]: \('lane', 0\) is no site of the goal"),
         ('[["dock"], [1979-05-27]]', r"goals\[1\]: a site is a JSON number, string or list"),
-        ('["dock", "lane"]', r"Expected `array`, got `str` - at `\$.goals\[0\]`"),
+        ('["dock", "lane"]', r"goals\[0\]: expected a list, found a text"),
         ('[["dock"], [{a = 1}]]', r"goals\[1\]: a site is a JSON number, string or list"),
     ],
 )

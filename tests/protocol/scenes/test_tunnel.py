@@ -9,7 +9,7 @@ from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue, tunnel_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.cells import cells_of
@@ -147,11 +147,11 @@ def test_the_channel_has_four_upright_rows() -> None:
 
 def test_its_pivots_are_those_of_the_two_catalogues() -> None:
     """Along the rows as in the first catalogue, across as in the second, six in all."""
-    first, second = (hex_catalogue(keeps_topology=keeps) for keeps in (True, False))
-    for pivot in tunnel_catalogue().generators:
+    first, second = map(page_catalogue, ("hexagons-1", "hexagons-2"))
+    for pivot in page_catalogue("hexagons-tunnel").generators:
         along = pivot.motion[0][0][1] == pivot.motion[0][1][1]
         assert pivot == (first if along else second).by_name[pivot.name]
-    assert len(tunnel_catalogue().generators) == 6
+    assert len(page_catalogue("hexagons-tunnel").generators) == 6
 
 
 def test_what_the_second_catalogue_leaves_out_across_are_obstacles() -> None:

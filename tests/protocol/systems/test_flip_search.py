@@ -20,6 +20,7 @@ from cubepath.protocol.core.system import Bound
 from cubepath.protocol.scenes.families.triangulations import random_points
 from cubepath.protocol.scenes.random_scenes import Stream, random_triangulation
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.flip_greedy import crossings
 from cubepath.protocol.systems.flip_search import FlipSearch, copy_of, mesh_of, settle
 from cubepath.protocol.systems.flips import FlipSystem, crossing_bound
 from cubepath.protocol.systems.point_sets import Edge, Point, edge_of
@@ -162,12 +163,13 @@ def test_walks_cross_what_the_edges_cross(points: list[Point], seed: int) -> Non
         system, start, goal = random_pair(points, seed)
     except InputError:
         return
-    most = max(
-        int(system.plane.crossings(edge, np.array(edges_of(other))).sum())
-        for one, other in ((start, goal), (goal, start))
-        for edge in edges_of(one)
-    )
-    assert system.crossed_most(start, goal) == most
+    assert system.plane.small is not None
+    for one, other in ((start, goal), (goal, start)):
+        edges, rows = edges_of(one), np.array(edges_of(other))
+        mesh = mesh_of(system.plane.small, edges_of(other | system.kept))
+        assert mesh is not None
+        compared = [int(system.plane.crossings(edge, rows).sum()) for edge in edges]
+        assert crossings(mesh, np.array(edges)).tolist() == compared
 
 
 @given(on_grid(10), st.integers(0, 10**6))
@@ -185,7 +187,7 @@ def test_no_bound_exceeds_the_optimum(points: list[Point], seed: int) -> None:
     assert max(bounds) <= len(exact)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_refutation_meets_what_the_search_finds(seed: int) -> None:
     """On random sets of 40 points the bound is the number of cubes found, and so the optimum."""
     system, start, goal = random_pair(random_points(40, seed), seed)

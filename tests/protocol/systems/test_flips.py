@@ -19,8 +19,8 @@ from cubepath.protocol.scenes.families.triangulations import random_points, read
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
 from cubepath.protocol.systems import flips
-from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import Point, PointSet, all_quadrilaterals
+from cubepath.protocol.systems.flips import FlipSystem, all_quadrilaterals
+from cubepath.protocol.systems.point_sets import Point, PointSet
 from oracles.complexes import actions_at, f_vector, states_of
 from oracles.point_grids import all_triangulations, on_grid
 

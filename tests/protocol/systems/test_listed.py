@@ -327,12 +327,15 @@ def changed(edit: Callable[[dict[str, Any]], object]) -> str:
     [
         (lambda t: t.pop("listed"), r"expected one of the tables \[lattice\], \[graph\]"),
         (lambda t: t.update(graph={"vertices": [], "edges": []}), "expected one of the tables"),
-        (lambda t: t["listed"].pop("moves"), "missing required field `moves`"),
+        (lambda t: t["listed"].pop("moves"), "listed: key 'moves' is missing"),
         (lambda t: t["listed"].update(moves=[]), "a system has at least one move"),
-        (lambda t: t["listed"].update(colour="red"), "unknown field `colour`"),
+        (lambda t: t["listed"].update(colour="red"), "listed: unknown key 'colour'"),
         (lambda t: t["listed"].update(drawing="oil"), "drawing 'oil': expected one of"),
         (lambda t: t["listed"]["letters"].append("hot"), "letter 'hot' stands twice"),
-        (lambda t: t["listed"]["moves"][0].pop("goes"), "missing required field `goes`"),
+        (
+            lambda t: t["listed"]["moves"][0].pop("goes"),
+            r"listed: moves\[0\]: key 'goes' is missing",
+        ),
         (lambda t: t["listed"]["moves"][0].update(goes=[]), "swing at \"door\": 'goes' must"),
         (lambda t: t["listed"]["moves"][0].update(trace=["roof"]), "the trace holds 'roof'"),
         (

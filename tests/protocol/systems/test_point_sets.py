@@ -9,7 +9,8 @@ from hypothesis import given, strategies as st
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.families.triangulations import polygon_points, random_points
-from cubepath.protocol.systems.point_sets import SWEEPS, Point, PointSet, all_quadrilaterals
+from cubepath.protocol.systems.flips import all_quadrilaterals
+from cubepath.protocol.systems.point_sets import SWEEPS, Point, PointSet
 from oracles.point_grids import between, meet, on_grid, turn
 
 
@@ -41,16 +42,6 @@ def test_quadrilaterals_by_their_definition(points: list[Point]) -> None:
         assert (plane.why_no_flip(four) is None) == (four in expected)
 
 
-@given(on_grid(10))
-def test_crossings_of_many_edges_at_once(points: list[Point]) -> None:
-    """They are those of each pair; the test of two sides alone would find lines that meet."""
-    plane = PointSet(points)
-    edges = list(combinations(range(len(points)), 2))
-    for edge in edges:
-        expected = [plane.cross(edge, other) for other in edges]
-        assert plane.crossings(edge, np.array(edges)).tolist() == expected
-
-
 @given(on_grid(9), st.sampled_from(sorted(SWEEPS)))
 def test_a_sweep_is_a_triangulation(points: list[Point], direction: str) -> None:
     """Its edges pass through no point, do not meet, hold the hull, and are as many as can be."""
@@ -65,11 +56,13 @@ def test_a_sweep_is_a_triangulation(points: list[Point], direction: str) -> None
 
 @given(on_grid(7))
 def test_edges_that_cross(points: list[Point]) -> None:
-    """Edges through no point cross iff they meet in more than a corner."""
+    """Edges through no point cross iff they meet in more than a corner, not their lines alone."""
     plane = PointSet(points)
     edges = [e for e in combinations(range(len(points)), 2) if not plane.on_the_way(*e)]
-    for one, other in combinations(edges, 2):
-        assert plane.cross(one, other) == meet(points, one, other)
+    for edge in edges:
+        others = [other for other in edges if other != edge]
+        expected = [meet(points, edge, other) for other in others]
+        assert plane.crossings(edge, np.array(others)).tolist() == expected
 
 
 def test_sweeps_go_different_ways() -> None:

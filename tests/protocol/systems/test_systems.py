@@ -12,7 +12,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes import families
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.families.own import OWN_FAMILIES, OWN_KINDS
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -21,6 +21,7 @@ from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import graph_from_name
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.systems.listed import TabledSystem
+from samples.space import SPACE, STICKS
 
 SPECS = [
     "hex:n=4",
@@ -37,8 +38,12 @@ SPECS = [
     "triangulation:n=9",
     "words:presentation=free2",
     "assembly:n=3",
+    STICKS,
 ]
-WITH_MANY_MOVES = [*SPECS, pytest.param("compression:n=3", marks=pytest.mark.thorough)]
+WITH_MANY_MOVES = [
+    *SPECS,
+    *(pytest.param(spec, marks=pytest.mark.thorough) for spec in ("compression:n=3", *SPACE[:2])),
+]
 
 
 def places_near(system: System, start: Site) -> list[Site]:
@@ -200,13 +205,13 @@ def test_no_move_makes_an_action_that_is_not_of_the_system() -> None:
     one, other = move.action.ends
     trace = move.action.trace
     assert scene.system.moves_of(Action(trace, trace, one & trace, other & trace)) == ()
-    walled = LatticeSystem(hex_catalogue(keeps_topology=True), empty=[move.target])
+    walled = LatticeSystem(page_catalogue("hexagons-1"), empty=[move.target])
     assert walled.moves_of(move.action) == ()
 
 
 def test_obstacles_may_lie_in_a_support_but_never_in_a_trace() -> None:
     """A filled obstacle serves as a pivot and never moves."""
-    system = LatticeSystem(hex_catalogue(keeps_topology=True), filled=[(0, 0)])
+    system = LatticeSystem(page_catalogue("hexagons-1"), filled=[(0, 0)])
     moves = [move for move in system.moves((1, 0)) if move is not None]
     assert moves
     assert all((0, 0) not in move.action.trace for move in moves)
@@ -313,7 +318,7 @@ def test_a_scene_that_cannot_be_is_refused(
     start: tuple[Site, ...], goal: set[Site] | None, message: str
 ) -> None:
     """Modules start on free places of their own, and as many as the goal has sites."""
-    system = LatticeSystem(hex_catalogue(keeps_topology=True), filled=[(5, 5)])
+    system = LatticeSystem(page_catalogue("hexagons-1"), filled=[(5, 5)])
     with pytest.raises(InputError, match=message):
         Scene("test", "", system, start, None if goal is None else frozenset(goal))
 

@@ -14,7 +14,7 @@ from cubepath.agents.processes.membership import ANY, alive_key, orders_key
 from cubepath.coordinator.playback.machine import player_key, position_key
 from cubepath.coordinator.runs.asking import about_key, path_key, state_key
 from cubepath.protocol.wire.access import access_list
-from cubepath.protocol.wire.credentials import COORDINATOR, process_name
+from cubepath.protocol.wire.credentials import COORDINATOR, keeper_name, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, FreeMessage, free_key
 from cubepath.protocol.wire.keys import ROOT, belongs, everything, key_of, topic_key
 from cubepath.protocol.wire.messages import KINDS, Go, Message, Reset
@@ -65,7 +65,9 @@ player position    pdqat        q          q          q         q         q
 recorder           pdqat        qa         qa         qa        qa        qa
 orders             pdqat        q          -          -         -         -
 orders for any     pdqat        -          -          -         -         -
+orders of keeper   pdqat        -          -          q         -         -
 alive              pdqat        t          -          -         -         -
+alive keeper       pdqat        -          -          t         -         -
 alive coordinator  pdqat        -          -          -         -         -
 elsewhere          -            -          -          -         -         -
 """
@@ -104,6 +106,8 @@ KEYS = {
     "orders": orders_key(RUN, process_name(1)),
     "orders for any": orders_key(RUN, ANY),
     "alive": alive_key(RUN, process_name(1)),
+    "alive keeper": alive_key(RUN, keeper_name(1)),
+    "orders of keeper": orders_key(RUN, keeper_name(1)),
     "alive coordinator": alive_key(RUN, COORDINATOR),
     "elsewhere": "elsewhere/go/coordinator",
 }
@@ -301,6 +305,7 @@ def test_the_list_names_everyone_once() -> None:
     assert [each.get("cert_common_names") for each in found["subjects"]] == [
         None,
         ["coordinator"],
+        ["router"],
         ["process_0"],
         ["process_1"],
         ["process_2"],

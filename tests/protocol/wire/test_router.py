@@ -110,10 +110,18 @@ def test_a_router_that_died_is_started_again_where_it_was(
             pass
 
 
+def state_of(task: Path) -> str:
+    """Return the state of a thread, T where it stands still."""
+    return (task / "stat").read_text().rpartition(")")[2].split()[0]
+
+
 @contextlib.contextmanager
 def standing_still(router: Router, seconds: float = 3600.0) -> Generator[None]:
     """Stop a router for so long, or until the block ends."""
     os.kill(router.pid, signal.SIGSTOP)
+    # A thread that runs on another core stands still a moment after the signal was sent.
+    tasks = Path(f"/proc/{router.pid}/task")
+    soon(lambda: all(state_of(task) == "T" for task in tasks.iterdir()), "the router runs on")
     again = threading.Timer(seconds, os.kill, (router.pid, signal.SIGCONT))
     again.start()
     try:

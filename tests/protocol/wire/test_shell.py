@@ -1,7 +1,7 @@
 """The shell of a node on zenoh: messages in their order, and ticks however many there are."""
 
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 
 import pytest
@@ -9,7 +9,7 @@ import zenoh
 
 import cubepath.protocol.wire.shell as shell_module
 from cubepath.protocol.wire.credentials import COORDINATOR
-from cubepath.protocol.wire.nodes import Effect, End, Listen, Timer
+from cubepath.protocol.wire.nodes import BatchNode, Effect, End, Listen, Timer
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, put
 from cubepath.protocol.wire.shell import Shell
@@ -144,6 +144,38 @@ def test_a_flood_takes_bounded_memory_and_what_comes_later_is_heard(
             assert shell.step(ENOUGH_S)
         assert node.heard == [b"more"] * 10 + [b"late"]
         monkeypatch.undo()
+
+
+class Gatherer(Listener, BatchNode):
+    """Takes what has arrived together."""
+
+    def __init__(self, wait_s: float) -> None:
+        """Tick once, after `wait_s`."""
+        super().__init__(wait_s)
+        self.batches: list[int] = []
+
+    def receive_all(self, messages: Sequence[tuple[str, bytes]]) -> list[Effect]:
+        """Note what was said, and how many messages it was."""
+        self.batches.append(len(messages))
+        return [effect for each in messages for effect in Listener.receive(self, *each)]
+
+
+def test_what_has_arrived_is_one_batch_that_ends_where_a_tick_is_due(
+    endpoint: str, guest: zenoh.Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And never more than so many messages; what comes later waits for the tick."""
+    monkeypatch.setattr(shell_module, "_BATCH_MAX", 4)
+    node = Gatherer(ENOUGH_S)
+    with due(node, endpoint, guest) as shell:
+        assert shell.step(ENOUGH_S)
+        say(guest, shell, b"late")
+        assert (node.heard, node.heard_at_tick) == ([b"a", b"b", b"c"], None)
+        assert shell.step(ENOUGH_S)
+        assert (node.heard, node.heard_at_tick) == ([b"a", b"b", b"c"], 3)
+        say(guest, shell, *[b"more"] * 5)
+        while len(node.heard) < 9:
+            assert shell.step(ENOUGH_S)
+    assert node.batches == [3, 4, 2]
 
 
 def test_a_timer_that_is_set_anew_begins_anew(endpoint: str, guest: zenoh.Session) -> None:

@@ -21,14 +21,8 @@ from numpy.typing import NDArray
 
 from cubepath.agents.arrays import lattice_tables, rounds
 from cubepath.agents.arrays.lattice_tables import LatticeTables
-from cubepath.agents.arrays.rounds import (
-    SILENT,
-    STAYED,
-    BatchState,
-    ObservationArrays,
-    Scratch,
-    play_round,
-)
+from cubepath.agents.arrays.observing import SILENT, BatchState, ObservationArrays
+from cubepath.agents.arrays.rounds import STAYED, Scratch, play_round
 from cubepath.agents.arrays.tables import GrowingArray, Ints, Tables
 from cubepath.agents.local.arbitration import RANK
 from cubepath.agents.local.observation import Note, observation_length
@@ -40,8 +34,8 @@ from cubepath.protocol.core.system import FIRST_LABEL, MODULE, Scene
 
 PLACES_MAX = 1 << 16
 """This many places may have numbers before those that were left behind are forgotten..."""
-PLACES_EACH = 64
-"""...or this many for each module of the batch."""
+PLACES_GROWTH = 8
+"""...or this many times as many as when numbers were last given."""
 
 
 def tables_of(scene: Scene, *, notes: bool) -> Tables:
@@ -71,7 +65,7 @@ class Batch:
         self._place, self._code = np.zeros((2, *shape), np.int32)
         self._bits = np.zeros((*shape, self._tables.words), np.uint64)
         self._at_goal, self.round = np.zeros((2, environments), np.int64)
-        self.said = np.zeros((*shape, note_length), np.int32)
+        self.notes = np.zeros((*shape, note_length), np.int32)
         self._shown = np.zeros((environments, 0), np.int32)
         self._module = np.zeros((environments, 0), np.int32)
         self._key = np.zeros(environments, np.uint64)
@@ -86,6 +80,7 @@ class Batch:
         )
         self._items = 0
         self._known = 0
+        self._needed = self._tables.count
         self._scratch: Scratch | None = None
         self._follow()
 
@@ -132,6 +127,7 @@ class Batch:
                 rivals=np.zeros((4 * modules, 4), np.int32),
                 rank=np.zeros(modules, np.uint64),
                 movers=np.zeros(motions, np.int32),
+                fresh=np.zeros(self.environments * modules, np.int32),
             )
 
         self._plain = (
@@ -156,6 +152,7 @@ class Batch:
         self._known = 0
         self._start = self._stand_at(self.scene.start)
         found = [self._stand_at(sites) for sites in standing]
+        self._needed = self._tables.count
         self._follow()
         for environment, (places, codes) in enumerate(found):
             self._set(np.array([environment]), places, codes)
@@ -179,7 +176,7 @@ class Batch:
             self._at_goal,
             self.round,
             self._key,
-            self.said,
+            self.notes,
         )
 
     def reset(self, seeds: Sequence[int], chosen: Sequence[int] | None = None) -> None:
@@ -189,7 +186,7 @@ class Batch:
         self._key[at] = np.array([seed_key(seed, RANK) for seed in seeds], np.uint64)
         self._set(at, *self._start)
         self.round[at] = 0
-        self.said[at] = 0
+        self.notes[at] = 0
 
     def observe(self) -> ObservationArrays:
         """Write what all modules observe; return it. It has to follow a `reset`."""
@@ -198,7 +195,7 @@ class Batch:
 
     def _play(
         self, actions: NDArray[np.int64], live: NDArray[np.uint8], *, only_observe: bool
-    ) -> bool:
+    ) -> int:
         return play_round(
             *self._plain[:5],
             self._tables.codes,
@@ -215,23 +212,24 @@ class Batch:
         self,
         actions: NDArray[np.int64],
         *,
-        told: tuple[NDArray[np.bool_], Ints] | None = None,
+        spoken: tuple[NDArray[np.bool_], Ints] | None = None,
         live: NDArray[np.uint8] | None = None,
     ) -> NDArray[np.int8]:
         """Play one round in every live environment and observe; return the result of each action.
 
-        `actions` has shape (environments, modules). `told` says which modules speak, shape
+        `actions` has shape (environments, modules). `spoken` says which modules speak, shape
         (environments, modules), and their notes. Actions are held against what was observed last.
         """
         tables = self._tables
-        if told is not None and self.note_length:
-            speaks, notes = told
-            self.said[speaks] = notes[speaks]
+        if spoken is not None and self.note_length:
+            speaks, notes = spoken
+            self.notes[speaks] = notes[speaks]
         live = self._everyone if live is None else live
         fresh = self._play(actions, live, only_observe=False)
-        if fresh:
-            tables.prepare(self._place.ravel(), self._code.ravel())
-            if tables.count > max(PLACES_MAX, PLACES_EACH * self._place.size):
+        if fresh and self._scratch is not None:
+            new = self._scratch.fresh[:fresh]
+            tables.prepare(self._place.ravel()[new], self._code.ravel()[new])
+            if tables.count > max(PLACES_MAX, PLACES_GROWTH * self._needed):
                 self._forget()
             self._follow()
             self.observe()
@@ -255,17 +253,16 @@ class Batch:
         places, codes = self._place[environment], self._code[environment]
         return [site(*pair) for pair in zip(places.tolist(), codes.tolist(), strict=True)]
 
-    def standing(self, environment: int = 0) -> tuple[Ints, Ints]:
-        """Return the numbers of the places of the modules of an environment, and what they show."""
-        return self._place[environment].copy(), self._code[environment].copy()
-
     def standings(self) -> tuple[Ints, Ints]:
-        """Return what `standing` does for all environments, shape (environments, modules) each."""
+        """Return the numbers of the modules' places, and what they show.
+
+        Both have shape (environments, modules).
+        """
         return self._place.copy(), self._code.copy()
 
     @property
     def tables(self) -> Tables:
-        """Return the tables that have the numbers of `standing`, now."""
+        """Return the tables that have the numbers of `standings`, now."""
         return self._tables
 
     def stands(self) -> NDArray[np.intp]:
@@ -282,7 +279,7 @@ class Batch:
         return self._tables.site(place, MODULE if self.scene.system.labels is None else FIRST_LABEL)
 
     def put(
-        self, environment: int, sites: Sequence[Site], round_number: int, said: Sequence[Note]
+        self, environment: int, sites: Sequence[Site], round_number: int, notes: Sequence[Note]
     ) -> None:
         """Put the modules of an environment at these sites after a round, with their last notes.
 
@@ -293,7 +290,7 @@ class Batch:
         self._set(np.array([environment]), places, codes)
         self.round[environment] = round_number
         if self.note_length:
-            self.said[environment] = said
+            self.notes[environment] = notes
 
     def _set(self, environments: NDArray[np.intp], places: Ints, codes: Ints) -> None:
         tables, rows = self._tables, environments[:, None]
@@ -322,11 +319,11 @@ class RelativeArrays:
         distinct = list({id(each): each for each in found}.values())
         number = {id(each): place for place, each in enumerate(distinct)}
         self._kept = distinct  # observers are shared only while somebody has them
-        self._who = np.array([number[id(each)] for each in found], np.intp)
+        self._modules_here = np.array([number[id(each)] for each in found], np.intp)
         aims = np.zeros((len(distinct), system.dimension))
         for place, each in enumerate(distinct):
             aims[place] = each.total or 0.0
-        self._totals = aims[self._who]
+        self._totals = aims[self._modules_here]
         self._counts = np.array([len(each) for each in goals], np.float64)[:, None]
         hops = [each.hops for each in distinct if each.hops is not None]
         self._hops = np.stack(hops) if hops else None
@@ -363,9 +360,9 @@ class RelativeArrays:
             far = 1 + np.abs(way).max(axis=2, keepdims=True)
             found[:, :, layout.parts["way"]] = way / far
         if self._hops is not None:
-            who = self._who[None, :]
-            here = self._hops[who, own[stands]][:, :, None]
-            there = self._hops[who[:, :, None], targets[stands]]
+            modules = self._modules_here[None, :]
+            here = self._hops[modules, own[stands]][:, :, None]
+            there = self._hops[modules[:, :, None], targets[stands]]
             nearer = found[:, :, layout.parts["nearer"]]
             np.subtract(there < here, there > here, nearer, dtype=np.float32)
         looks = 2 * seen[:, :, size + 1 :: 2] + seen[:, :, size + 2 :: 2]
@@ -449,12 +446,7 @@ def is_due(agents: int) -> bool:
 
 
 def _kernels() -> tuple[Compiled[..., Any], ...]:
-    return (
-        rounds.play_round,
-        lattice_tables.number_cells,
-        lattice_tables.rehash,
-        lattice_tables.work_out,
-    )
+    return (rounds.play_round, lattice_tables.make_tiles, lattice_tables.rehash)
 
 
 def is_compiled() -> bool:

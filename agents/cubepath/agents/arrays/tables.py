@@ -1,8 +1,12 @@
 """The static part of a scene as arrays, which grow as modules reach new places.
 
-Places are numbered in the order in which they are reached; number 0 is no place. A *stand* is a
-site where a module can be. What a module senses and can do there is computed when the first module
-arrives, so tables are as large as the visited part of the world, whatever the system.
+Places have numbers; number 0 is no place. They lie in *blocks* of 1 << `shift` places: place p in
+block p >> `shift`, at p & ((1 << `shift`) - 1) there. Places that sense alike, up to the blocks
+around them, share a *row* of the tables. A lattice has a row for each place of a block. Any other
+system has one block, a row for each place, and works it out when the first module arrives. So
+tables are as large as the visited part of the world, whatever the system.
+
+A *stand* is a site where a module can be: of row r, or of code c there, r * `codes` + c.
 
 Sites whose moves are the same up to the names of the places are of one *kind*. A kind names places
 by *reference*: 0 is the module's own, j + 1 is the one in slot j of `sensed`.
@@ -106,7 +110,7 @@ class _Tabling:
             care |= 1 << bit
             want |= value << bit
         guards: list[tuple[int, int]] = []
-        for one, other in in_order_of_pairs(action.guards):
+        for one, other in in_order(action.guards):
             (first, first_known), (second, second_known) = self._shown(one), self._shown(other)
             if first_known == 0 or second_known == 1:
                 continue
@@ -202,27 +206,28 @@ class _Tabling:
         )
 
 
-def in_order_of_pairs(pairs: Iterable[tuple[Site, Site]]) -> list[tuple[Site, Site]]:
-    """Return pairs of sites in an order that does not depend on hashes."""
-    listed = list(pairs)
-    keys = in_order({site for pair in listed for site in pair})
-    place = {site: number for number, site in enumerate(keys)}
-    return sorted(listed, key=lambda pair: (place[pair[0]], place[pair[1]]))
-
-
 Ints = NDArray[np.int32]
 Bits = NDArray[np.uint64]
 WORD = 64
 """Probes to a word."""
+ONE_BLOCK = 31
+"""The `shift` with which all places lie in one block."""
 
 
 class Places(NamedTuple):
-    """What is known of each place, by number."""
+    """What is known of each place, by number, of each block and of each row."""
 
+    shift: int
+    first: Ints
+    """By block, the row of its first place."""
+    around: Ints
+    """Shape (blocks, ways): the first place of the block that lies that way, -1 if it has none
+    yet. Way 0 is the same for all blocks: to place 0."""
     sensed: Ints
-    """Shape (places, sense_slots): what a module there senses, 0 in unused slots."""
+    """Shape (rows, sense_slots): what a module there senses, as the way to the block, times
+    1 << `shift`, plus the number in the block; 0 in unused slots."""
     reach: Ints
-    """Shape (places, reach_slots): where notes come from; filled only for rules with notes."""
+    """Shape (rows, reach_slots): where notes come from; filled only for rules with notes."""
     background: Ints
     """What the place shows when no module is there."""
     goal: Ints
@@ -239,17 +244,21 @@ class Goals(NamedTuple):
     code: Ints
     """What is a goal if it is shown, or `ANY`."""
     following: Ints
+    alike: bool
+    """Whether all modules have the same goals, whatever the places show."""
 
 
 class Stands(NamedTuple):
-    """What is known of each stand: of place p, or of code c there, p * `codes` + c."""
+    """What is known of each stand."""
 
     kind: Ints
     """-1 until a module has been there."""
     encoded: Ints
-    """Shape (stands, site_size)."""
+    """Shape (stands, site_size): the encoded site, less the origin of its block."""
+    origin: Ints
+    """Shape (blocks, site_size)."""
     usable: NDArray[np.uint8]
-    """Shape (stands, move_slots): 0 where a move of the kind is excluded here."""
+    """Shape (places, move_slots): 0 where a move of the kind is excluded; one row if none is."""
 
 
 class MoveKinds(NamedTuple):
@@ -279,35 +288,19 @@ class GrowingArray:
         self.value = value
         self.array: NDArray[Any] = np.full((16, *tail), value, dtype)
 
-    def room(self, count: int) -> bool:
-        """Make room for this many rows; return whether the array was replaced."""
+    def room(self, count: int) -> None:
+        """Make room for this many rows."""
         if count <= len(self.array):
-            return False
+            return
         size = max(count, 2 * len(self.array))
         found = np.full((size, *self.array.shape[1:]), self.value, self.array.dtype)
         found[: len(self.array)] = self.array
         self.array = found
-        return True
 
 
-class IntegerRows:
-    """Rows of integers that are only ever added."""
-
-    def __init__(self, width: int) -> None:
-        self._rows = GrowingArray(0, np.int32, width)
-        self.count = 0
-
-    def add(self, rows: Sequence[Sequence[int]]) -> None:
-        """Add some rows."""
-        self._rows.room(self.count + len(rows))
-        for row in rows:
-            self._rows.array[self.count] = row
-            self.count += 1
-
-    @property
-    def array(self) -> Ints:
-        """Return all rows; a row of zeros while there are none."""
-        return self._rows.array[: max(self.count, 1)]
+def _array_of(rows: Sequence[Sequence[int]], width: int) -> Ints:
+    """Return rows as an array; a row of zeros if there are none."""
+    return np.array(rows or [(0,) * width], np.int32).reshape(-1, width)
 
 
 class KindTable:
@@ -317,10 +310,12 @@ class KindTable:
         self._slots = move_slots
         self._numbers: dict[MoveKind, int] = {}
         self._words = 1
-        self._guards, self._items = IntegerRows(2), IntegerRows(3)
-        self._motion, self._probes = IntegerRows(4), IntegerRows(2)
-        self._ends = IntegerRows(3)
-        self._probe_ends = IntegerRows(1)
+        self._guards: list[tuple[int, int]] = []
+        self._items: list[tuple[int, int, int]] = []
+        self._motion: list[tuple[int, int, int, int]] = []
+        self._probes: list[tuple[int, int]] = []
+        self._ends = [(0, 0, 0)]
+        self._probe_ends = [0]
         self._care: list[tuple[int, int]] = []
         self.arrays = self._as_arrays()
 
@@ -333,8 +328,8 @@ class KindTable:
         return found
 
     def _add(self, kind: MoveKind) -> None:
-        self._probes.add(kind.probes)
-        self._probe_ends.add([[self._probes.count]])
+        self._probes += kind.probes
+        self._probe_ends.append(len(self._probes))
         for slot in range(self._slots):
             move = kind.moves[slot]
             # Of an empty slot a bit is wanted that is not read.
@@ -343,12 +338,12 @@ class KindTable:
             self._words = max(self._words, -(-max(care, want).bit_length() // WORD))
             if move is not None:
                 self._add_move(move)
-            self._ends.add([[self._guards.count, self._items.count, self._motion.count]])
+            self._ends.append((len(self._guards), len(self._items), len(self._motion)))
 
     def _add_move(self, move: TabledMove) -> None:
-        self._guards.add(move.guards)
-        self._items.add(move.items)
-        self._motion.add(move.motion)
+        self._guards += move.guards
+        self._items += move.items
+        self._motion += move.motion
         bits = [bit for pair in move.guards for bit in pair]
         self._words = max(self._words, 1 + max(bits, default=0) // WORD)
 
@@ -363,21 +358,18 @@ class KindTable:
             for which, bits in enumerate(pair):
                 for word in range(self._words):
                     words[which, row, word] = bits >> (WORD * word) & ((1 << WORD) - 1)
-        ends = np.zeros((len(self._care) + 1, 3), np.int32)
-        ends[1:] = self._ends.array[: len(self._care)]
-        probes_at = np.zeros(len(self._numbers) + 1, np.int32)
-        probes_at[1:] = self._probe_ends.array[: len(self._numbers), 0]
+        guards_at, items_at, motion_at = _array_of(self._ends, 3).T.copy()
         return MoveKinds(
             care=words[0],
             want=words[1],
-            guards_at=ends[:, 0].copy(),
-            guards=self._guards.array,
-            items_at=ends[:, 1].copy(),
-            items=self._items.array,
-            motion_at=ends[:, 2].copy(),
-            motion=self._motion.array,
-            probes_at=probes_at,
-            probes=self._probes.array,
+            guards_at=guards_at,
+            guards=_array_of(self._guards, 2),
+            items_at=items_at,
+            items=_array_of(self._items, 3),
+            motion_at=motion_at,
+            motion=_array_of(self._motion, 4),
+            probes_at=np.array(self._probe_ends, np.int32),
+            probes=_array_of(self._probes, 2),
         )
 
 
@@ -398,24 +390,26 @@ class Tables:
         self._capacity = 0
         self._by_pattern: dict[Any, int] = {}
         self._place_arrays = (
-            GrowingArray(0, np.int32, system.sense_slots),
-            GrowingArray(0, np.int32, system.reach_slots if notes else 1),
             GrowingArray(0, np.int32),
             GrowingArray(-1, np.int32),
             GrowingArray(0, np.int32),
+        )
+        self._begin()
+        self.places.background[0] = CLOSED
+        self._number_goals()
+
+    def _begin(self) -> None:
+        """Make what has to be there before anything else."""
+        system = self.scene.system
+        self._row_arrays = (
+            GrowingArray(0, np.int32, system.sense_slots),
+            GrowingArray(0, np.int32, system.reach_slots if self._notes else 1),
         )
         self._stand_arrays = (
             GrowingArray(-1, np.int32),
             GrowingArray(0, np.int32, system.site_size),
-            GrowingArray(1, np.uint8, system.move_slots),
         )
         self._room()
-        self.places.background[0] = CLOSED
-        self._begin()
-        self._number_goals()
-
-    def _begin(self) -> None:
-        """Number what has to be known before anything else."""
 
     @property
     def words(self) -> int:
@@ -426,15 +420,18 @@ class Tables:
         """Make room for as many places as there are numbers, and hand out the arrays."""
         if self.count <= self._capacity:
             return
-        for each in self._place_arrays:
+        for each in (*self._place_arrays, *self._row_arrays):
             each.room(self.count)
+        self._capacity = len(self._place_arrays[0].array)
         for each in self._stand_arrays:
-            each.room(len(self._place_arrays[0].array) * self.codes)
-        sensed, reach, background, goal, final = [each.array for each in self._place_arrays]
-        self.places = Places(sensed, reach, background, goal, final)
-        kind, encoded, usable = [each.array for each in self._stand_arrays]
-        self.stands = Stands(kind, encoded, usable)
-        self._capacity = len(background)
+            each.room(self._capacity * self.codes)
+        system, none = self.scene.system, np.zeros((1, 1), np.int32)
+        by_row = [each.array for each in self._row_arrays]
+        by_place = [each.array for each in self._place_arrays]
+        self.places = Places(ONE_BLOCK, none[0], none, *by_row, *by_place)
+        kind, encoded = [each.array for each in self._stand_arrays]
+        origin = np.zeros((1, system.site_size), np.int32)
+        self.stands = Stands(kind, encoded, origin, np.ones((1, system.move_slots), np.uint8))
 
     def numbers(self, places: Iterable[Site]) -> list[int]:
         """Return the numbers of places; those that have none are given one."""
@@ -514,15 +511,16 @@ class Tables:
                 entries.append((number, ANY if place == site else system.code_of(site)))
                 where.append(place)
         self.knower = np.array([known[id(goals)] for goals in sets], np.int32)
-        self._chain(entries, self.numbers(where))
+        alike = len(known) == 1 and all(code == ANY for _, code in entries)
+        self._chain(entries, self.numbers(where), alike=alike)
         final = in_order(scene.goal or ())
         at = self.numbers([system.place_of(site) for site in final])
         self.places.final[at] = [system.code_of(site) for site in final]
 
-    def _chain(self, entries: list[tuple[int, int]], at: list[int]) -> None:
+    def _chain(self, entries: list[tuple[int, int]], at: list[int], *, alike: bool) -> None:
         following = np.full(max(len(entries), 1), -1, np.int32)
         for entry, place in enumerate(at):
             following[entry] = self.places.goal[place]
             self.places.goal[place] = entry
         both = np.array(entries or [(0, ANY)], np.int32)
-        self.goals = Goals(both[:, 0].copy(), both[:, 1].copy(), following)
+        self.goals = Goals(both[:, 0].copy(), both[:, 1].copy(), following, alike)

@@ -159,7 +159,7 @@ class ArrayWorld:
         self._relative = RelativeArrays(self.batch) if relative else None
         modules = len(scene.start)
         self._speaks = np.zeros((1, modules), np.bool_)
-        self._told = np.zeros((1, modules, note_length), np.int32)
+        self._notes_out = np.zeros((1, modules, note_length), np.int32)
         self.reset(seed)
 
     @classmethod
@@ -169,14 +169,14 @@ class ArrayWorld:
         found.put(world.sites, world.round, world.spoken())
         return found
 
-    def put(self, sites: Sequence[Site], round_number: int, said: Sequence[Note]) -> None:
+    def put(self, sites: Sequence[Site], round_number: int, notes: Sequence[Note]) -> None:
         """Put every module at its site after a round, with its last note."""
-        self.batch.put(0, sites, round_number, said)
+        self.batch.put(0, sites, round_number, notes)
         self.batch.observe()
 
     def spoken(self) -> list[Note]:
         """Return the last note of each module, by number; zeros where a rule has sent none."""
-        return [tuple(numbers) for numbers in self.batch.said[0].tolist()]
+        return [tuple(numbers) for numbers in self.batch.notes[0].tolist()]
 
     def reset(self, seed: int) -> None:
         """Put every module back at its start, with another seed."""
@@ -242,17 +242,17 @@ class ArrayWorld:
 
     def step(self, actions: NDArray[np.int64], notes: Mapping[int, Note]) -> ArrayRound:
         """Play a round with an action for each module, and notes for some."""
-        told = None
+        spoken = None
         if notes:
             self._speaks[:] = False
             for module, note in notes.items():
                 self._speaks[0, module] = True
-                self._told[0, module] = note
-            told = self._speaks, self._told
-        before = self.batch.standing()
+                self._notes_out[0, module] = note
+            spoken = self._speaks, self._notes_out
+        places, codes = self.batch.standings()
         tables = self.batch.tables
-        outcomes = self.batch.step(actions[None], told=told)[0]
-        return ArrayRound(tables, self.round, actions, outcomes.copy(), before)
+        outcomes = self.batch.step(actions[None], spoken=spoken)[0]
+        return ArrayRound(tables, self.round, actions, outcomes.copy(), (places[0], codes[0]))
 
 
 class ArrayRound:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, Unpack
 
 import numpy as np
 from gymnasium.utils import EzPickle
@@ -15,6 +15,7 @@ from cubepath.agents.arrays.batch import is_due
 from cubepath.agents.arrays.tables import UntabledError
 from cubepath.agents.environments.array_world import ArrayRound, ArrayWorld, Infos
 from cubepath.agents.environments.observations import (
+    EnvironmentOptions,
     ModuleAgents,
     ReusedDicts,
     checked_seed,
@@ -24,7 +25,6 @@ from cubepath.agents.environments.observations import (
 )
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import STAY, Note, Observation, checked_note
-from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -76,14 +76,11 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
         self,
         system: str | Scene = "hex",
         *,
-        max_cycles: int = 500,
-        render_mode: str | None = None,
-        note_length: int = 0,
         copy: bool = True,
         world: str = "auto",
-        observation: Showing = "absolute",
+        **options: Unpack[EnvironmentOptions],
     ) -> None:
-        """Make the environment; `note_length` is the length of the notes that `step` accepts.
+        """Make the environment; `EnvironmentOptions` has the other options.
 
         With ``copy=False`` the dicts and arrays that `reset` and `step` return are the same each
         time, and overwritten: twice as fast, for who has read them before the next step. `world` is
@@ -91,19 +88,10 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
         compiled code, which gives the same and is a hundred times as fast; by default the first
         begins, and the second continues from there when there is more to do than to compile.
         """
-        EzPickle.__init__(
-            self,
-            system,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            note_length=note_length,
-            copy=copy,
-            world=world,
-            observation=observation,
-        )
+        EzPickle.__init__(self, system, copy=copy, world=world, **options)
         if world not in WORLDS:
             raise InputError(f"world={world!r}: expected one of {', '.join(WORLDS)}")
-        self._take(system, max_cycles, render_mode, note_length, observation)
+        self._take(system, **options)
         self.copy = copy
         self._which = world
         self._world: World | ArrayWorld | WireWorld | None = None
@@ -219,15 +207,15 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
         world = self.world
         if not self.agents:
             return {}, {}, {}, {}, {}
-        told = {
+        spoken = {
             self._number(name): checked_note(note, self.note_length)
             for name, note in (notes or {}).items()
         }
         if isinstance(world, ArrayWorld):
-            return self._step_arrays(world, actions, told)
+            return self._step_arrays(world, actions, spoken)
         wanted = {self._number(name): int(action or STAY) for name, action in actions.items()}
         before = self._at_goal()
-        played = self._played = world.step(wanted, told)
+        played = self._played = world.step(wanted, spoken)
         illegal = {
             self.possible_agents[module]
             for module, action in wanted.items()
@@ -256,11 +244,11 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
             self._compile_when_it_pays()
 
     def _step_arrays(
-        self, world: ArrayWorld, actions: Mapping[str, int | None], told: Mapping[int, Note]
+        self, world: ArrayWorld, actions: Mapping[str, int | None], spoken: Mapping[int, Note]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         agents = self.agents
         before = world.at_goal
-        played = self._played = world.step(self._as_array(actions), told)
+        played = self._played = world.step(self._as_array(actions), spoken)
         reward = world.at_goal / len(agents) - before / len(agents)
         done = world.reached
         late = world.round >= self.max_cycles
@@ -296,13 +284,7 @@ class CubepathEnv(ModuleAgents, ParallelEnv[str, Observation, int | None], EzPic
         names = self.possible_agents
         if self.copy:
             observations = world.observations(names, copy=True)
-            infos: Infos = {
-                name: {"action_mask": seen["action_mask"], "illegal": False}
-                for name, seen in observations.items()
-            }
-            for module in illegal:
-                infos[names[module]]["illegal"] = True
-            return observations, infos
+            return observations, infos_of(observations, {names[module] for module in illegal})
         if self._kept is None or self._kept.world is not world:
             self._kept = ReusedDicts(world, names)
         else:
@@ -342,21 +324,12 @@ class WireEnv(CubepathEnv):
         self,
         system: str | Scene = "hex",
         *,
-        max_cycles: int = 500,
-        render_mode: str | None = None,
-        note_length: int = 0,
-        observation: Showing = "absolute",
         processes: int = 2,
+        **options: Unpack[EnvironmentOptions],
     ) -> None:
         """Make the environment; `processes` 0 keeps the modules here, still over a session."""
-        given: dict[str, Any] = {
-            "max_cycles": max_cycles,
-            "render_mode": render_mode,
-            "note_length": note_length,
-            "observation": observation,
-        }
-        super().__init__(system, **given)
-        EzPickle.__init__(self, system, **given, processes=processes)
+        super().__init__(system, **options)
+        EzPickle.__init__(self, system, processes=processes, **options)
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
         self.processes = processes

@@ -7,9 +7,10 @@ module act again and again, and depends only on the seed and the results of earl
 
 from collections.abc import Mapping
 from copy import deepcopy
+from dataclasses import replace
 from heapq import heapify, heapreplace
 from numbers import Real
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Self, Unpack
 
 import numpy as np
 from gymnasium.utils import EzPickle
@@ -21,7 +22,6 @@ from cubepath.agents.environments import observations
 from cubepath.agents.environments.environment import CubepathEnv, WireEnv
 from cubepath.agents.environments.free_world import ActionResult, FreeWorld
 from cubepath.agents.local.observation import STAY, Observation, checked_note
-from cubepath.agents.local.relative import Showing
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import real_number, whole_number
@@ -33,41 +33,30 @@ _PATIENCE = 30
 """An unfair scheduler lets a module wait for this many turns for each module that there is."""
 
 
-class Scheduler(Protocol):
-    """Chooses who acts."""
-
-    def next(self, *, committed: bool) -> int:
-        """Return which module acts, given the result of the previous turn; False at first."""
-        raise NotImplementedError
-
-    @property
-    def time(self) -> float:
-        """Return when the last turn began; a module of speed factor 1 takes 1 for a turn."""
-        raise NotImplementedError
-
-
-class RoundRobin:
-    """One after the other, by number."""
+class Scheduler:
+    """Chooses who acts: here one after the other, by number."""
 
     def __init__(self, modules: int) -> None:
         """Begin with module 0."""
         self._modules = modules
-        self._next = self._turns = 0
+        self._turns = 0
 
     def next(self, *, committed: bool) -> int:
-        """Return the next number."""
+        """Return which module acts, given the result of the previous turn; False at first."""
         del committed
-        found, self._next = self._next, (self._next + 1) % self._modules
         self._turns += 1
-        return found
+        return (self._turns - 1) % self._modules
 
     @property
     def time(self) -> float:
-        """Return how many turns each module has had before, on average."""
+        """Return when the last turn began; a module of speed factor 1 takes 1 for a turn.
+
+        Here that is how many turns each module has had before, on average.
+        """
         return max(self._turns - 1, 0) / self._modules
 
 
-class RandomOrder:
+class RandomOrder(Scheduler):
     """Each at its own pace: with factor f a module acts f times more rarely than with 1.
 
     The time between two of its turns is drawn from 1 - `jitter` to 1 + `jitter` times the average.
@@ -75,6 +64,7 @@ class RandomOrder:
 
     def __init__(self, modules: int, seed: int, speeds: Mapping[int, int], jitter: float) -> None:
         """Draw when each module acts first."""
+        super().__init__(modules)
         self._random = np.random.default_rng(seed)
         self._periods = [_TICKS * speeds.get(module, 1) for module in range(modules)]
         self._jitter = jitter
@@ -101,7 +91,7 @@ class RandomOrder:
         return self._now / _TICKS
 
 
-class UnfairOrder:
+class UnfairOrder(Scheduler):
     """The module that acted last acts again, as long as that changes something.
 
     Then comes the one that acted last before it and has not acted in vain since the last commit. A
@@ -110,7 +100,7 @@ class UnfairOrder:
 
     def __init__(self, modules: int) -> None:
         """Begin with the module of the highest number."""
-        self._turn = 0
+        super().__init__(modules)
         self._acted = {module: module - modules for module in range(modules)}
         """When each module acted last."""
         self._in_vain: set[int] = set()
@@ -122,22 +112,17 @@ class UnfairOrder:
             self._in_vain.clear()
         elif self._last is not None:
             self._in_vain.add(self._last)
-        self._turn += 1
+        self._turns += 1
         acted = self._acted
         waits = min(acted, key=lambda module: (acted[module], module))
         hopeful = [module for module in acted if module not in self._in_vain]
-        if self._turn - acted[waits] <= _PATIENCE * len(acted) and hopeful:
+        if self._turns - acted[waits] <= _PATIENCE * len(acted) and hopeful:
             found = max(hopeful, key=lambda module: (acted[module], module))
         else:
             found = waits
-        self._acted[found] = self._turn
+        self._acted[found] = self._turns
         self._last = found
         return found
-
-    @property
-    def time(self) -> float:
-        """Return how many turns each module has had before, on average."""
-        return max(self._turn - 1, 0) / len(self._acted)
 
 
 def scheduler_named(
@@ -156,7 +141,7 @@ def scheduler_named(
         raise InputError(f"speeds with scheduler={name!r}: expected scheduler='random'")
     match name:
         case "turns":
-            return RoundRobin(modules)
+            return Scheduler(modules)
         case "random":
             return RandomOrder(modules, seed, speeds, jitter)
         case "unfair":
@@ -200,33 +185,20 @@ class FreeEnv(observations.ModuleAgents, AECEnv[str, Observation, int | None], E
         self,
         system: str | Scene = "hex",
         *,
-        max_cycles: int = 500,
-        render_mode: str | None = None,
-        note_length: int = 0,
-        observation: Showing = "absolute",
         scheduler: str = "random",
         speeds: Mapping[int, int] | None = None,
         jitter: float = 0.5,
         lag: int = 0,
+        **options: Unpack[observations.EnvironmentOptions],
     ) -> None:
         """Make the environment; InputError if an argument is not as described above."""
-        EzPickle.__init__(
-            self,
-            system,
-            max_cycles=max_cycles,
-            render_mode=render_mode,
-            note_length=note_length,
-            observation=observation,
-            scheduler=scheduler,
-            speeds=speeds,
-            jitter=jitter,
-            lag=lag,
-        )
+        scheduling = {"scheduler": scheduler, "speeds": speeds, "jitter": jitter, "lag": lag}
+        EzPickle.__init__(self, system, **scheduling, **options)
         super().__init__()
         whole_number("lag", lag, 0)
         if not isinstance(speeds, Mapping | None):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"speeds={speeds!r}: expected factors by module, as in {{0: 2}}")
-        self._take(system, max_cycles, render_mode, note_length, observation, register=True)
+        self._take(system, register=True, **options)
         self.lag = lag
         self._scheduling = scheduler, dict(speeds or {}), jitter
         self._scheduler = self._make_scheduler(0)
@@ -324,16 +296,8 @@ class FreeEnv(observations.ModuleAgents, AECEnv[str, Observation, int | None], E
             self._was_dead_step(action)
             return
         world = self.world
-        declared = Choice() if self._declared is None else self._declared
+        choice = replace(self._declared or Choice(), action=int(action or STAY))
         self._declared = None
-        choice = Choice(
-            STAY if action is None else int(action),
-            declared.note,
-            declared.failed,
-            declared.guards,
-            declared.heeds,
-            declared.exchanges,
-        )
         before = observations.share_at_goal(self.scene, world.sites)
         played = self.last_turn = world.act(self._module[agent], choice)
         reward = observations.share_at_goal(self.scene, world.sites) - before
@@ -382,67 +346,44 @@ def _info(
 def parallel_env(
     system: str | Scene = "hex",
     *,
-    max_cycles: int = 500,
-    render_mode: str | None = None,
-    note_length: int = 0,
-    observation: Showing = "absolute",
     transport: Literal["local", "zenoh"] = "local",
     processes: int = 2,
     copy: bool = True,
     world: str = "auto",
+    **options: Unpack[observations.EnvironmentOptions],
 ) -> CubepathEnv:
-    """Return the parallel environment of a system.
+    """Return the parallel environment of a system; `options` are those of `EnvironmentOptions`.
 
     With ``transport="zenoh"`` the modules live in `processes` separate processes and learn of one
     another by messages; observations, masks and results are the same. `copy` and `world` are those
     of `CubepathEnv`, and for worlds in this process.
     """
-    given = _common(max_cycles, render_mode, note_length, observation)
     if transport == "local":
-        return CubepathEnv(system, copy=copy, world=world, **given)
+        return CubepathEnv(system, copy=copy, world=world, **options)
     if transport != "zenoh":
         raise InputError(f"transport={transport!r}: expected 'local' or 'zenoh'")
-    return WireEnv(system, processes=processes, **given)
-
-
-def _common(
-    max_cycles: int, render_mode: str | None, note_length: int, observation: Showing
-) -> dict[str, Any]:
-    """Return the keywords that all environments have."""
-    return {
-        "max_cycles": max_cycles,
-        "render_mode": render_mode,
-        "note_length": note_length,
-        "observation": observation,
-    }
+    return WireEnv(system, processes=processes, **options)
 
 
 def env(
-    system: str | Scene = "hex",
-    *,
-    max_cycles: int = 500,
-    render_mode: str | None = None,
-    note_length: int = 0,
-    observation: Showing = "absolute",
-    clock: str = "lockstep",
-    **scheduling: Any,
+    system: str | Scene = "hex", *, clock: str = "lockstep", **options: Any
 ) -> AECEnv[str, Observation, int | None]:
     """Return the environment in turns, with PettingZoo's usual wrappers.
 
-    With ``clock="free"`` there are no rounds: it is a `FreeEnv`, which `scheduling` is passed to.
+    `options` are those of `EnvironmentOptions`. With ``clock="free"`` there are no rounds: it is a
+    `FreeEnv`, with all its options.
     """
     turns: AECEnv[str, Observation, int | None]
-    given = _common(max_cycles, render_mode, note_length, observation)
+    known = observations.EnvironmentOptions.__annotations__
+    more = sorted(options.keys() - known.keys())
     if clock == "free":
-        turns = FreeEnv(system, **given, **scheduling)
+        turns = FreeEnv(system, **options)
     elif clock != "lockstep":
         raise InputError(f"clock={clock!r}: expected 'lockstep' or 'free'")
-    elif scheduling:
-        raise InputError(
-            f"{min(scheduling)}={scheduling[min(scheduling)]!r}: expected clock='free'"
-        )
+    elif more:
+        raise InputError(f"{more[0]}={options[more[0]]!r}: expected clock='free'")
     else:
-        turns = parallel_to_aec(CubepathEnv(system, **given))
+        turns = parallel_to_aec(CubepathEnv(system, **options))
     return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(turns))
 
 

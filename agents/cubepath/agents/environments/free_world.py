@@ -124,7 +124,7 @@ class FreeWorld:
         """Let the process of a module die and come back: what it knew is lost, its place holds."""
         known = self._modules[module]
         self.keeper.ask(0, free_messages.EnterRequest(module, known.incarnation + 1))
-        for message in self.keeper.said():
+        for message in self.keeper.outgoing():
             for part in message.parts if isinstance(message, free_messages.Replies) else ():
                 if isinstance(part, free_messages.Entered):
                     known.incarnation, known.epoch = part.incarnation, part.occupant.epoch
@@ -134,6 +134,10 @@ class FreeWorld:
 
     def look(self, module: int) -> Observation:
         """Begin a turn of a module: return what it is shown now."""
+        self._look(module)
+        return self.observation(module)
+
+    def _look(self, module: int) -> _Seen:
         known = self._modules[module]
         if self.lag:
             occupants, notes = self._shown_to(module)
@@ -157,14 +161,12 @@ class FreeWorld:
             occupants = {place: occupants[place] for place in near if place in occupants}
             notes = {place: notes[place] for place in near if place in notes}
         known.seen = _Seen(site, occupants, notes, register, observation)
-        return self.observation(module)
+        return known.seen
 
     def observation(self, module: int) -> Observation:
         """Return what a module was shown at its last turn; before the first one, the start."""
-        known = self._modules[module]
-        if known.seen is None:
-            return self.look(module)
-        return {key: array.copy() for key, array in known.seen.observation.items()}
+        seen = self._modules[module].seen or self._look(module)
+        return {key: array.copy() for key, array in seen.observation.items()}
 
     def _near(self, module: int) -> list[Site]:
         system = self.scene.system
@@ -195,11 +197,7 @@ class FreeWorld:
         """Make the attempt of a choice, on what the module was shown when its turn began."""
         self.turns += 1
         known = self._modules[module]
-        if known.seen is None:
-            self.look(module)
-        seen = known.seen
-        if seen is None:  # `look` has just set it
-            raise AssertionError("a module that has seen nothing acts")
+        seen = known.seen or self._look(module)
         known.turn += 1
         system = self.scene.system
         mask = seen.observation["action_mask"].tolist()
@@ -231,7 +229,7 @@ class FreeWorld:
     def _ask(self, attempt: free_messages.Attempt) -> free_messages.Decision:
         self.keeper.ask(0, attempt)
         decision: free_messages.Decision | None = None
-        for message in self.keeper.said():
+        for message in self.keeper.outgoing():
             if isinstance(message, free_messages.Replies):
                 decision = next(
                     part for part in message.parts if isinstance(part, free_messages.Decision)

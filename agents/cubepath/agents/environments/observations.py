@@ -4,7 +4,7 @@ Worlds know only absolute observations. This module makes them relative on reque
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from gymnasium import spaces
@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 
 from cubepath.agents.environments.array_world import ArrayWorld, Infos
 from cubepath.agents.local.observation import SILENT, Observation, observation_length
-from cubepath.agents.local.relative import checked_showing, relative_layout, relative_observer
+from cubepath.agents.local.relative import (
+    Showing,
+    checked_showing,
+    relative_layout,
+    relative_observer,
+)
 from cubepath.agents.rendering.pictures import draw_pixels, draw_text
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -27,10 +32,7 @@ class ReusedDicts:
         self.world = world
         self.observations = world.observations(names, copy=False)
         self._names = names
-        self._infos: Infos = {
-            name: {"action_mask": seen["action_mask"], "illegal": False}
-            for name, seen in self.observations.items()
-        }
+        self._infos = infos_of(self.observations, set())
         self._illegal: Sequence[int] = ()
         self._results: tuple[float, bool, bool] = 0.0, False, False
         self._rewards = dict.fromkeys(names, 0.0)
@@ -105,6 +107,19 @@ class ObservationEncoder:
         return spaces.Dict(parts)
 
 
+class EnvironmentOptions(TypedDict, total=False):
+    """What the environments of both clocks take, apart from the system."""
+
+    max_cycles: int
+    """An episode is truncated after this many rounds, or turns for each agent; by default 500."""
+    render_mode: str | None
+    """What `render` returns: "ansi", "rgb_array", "human", or by default nothing."""
+    note_length: int
+    """The length of the notes that `step` accepts; by default 0."""
+    observation: Showing
+    """The array ``observation``: "absolute", the default, or "relative"."""
+
+
 class ModuleAgents:
     """What the environments of both clocks have in common: agents, their spaces, pictures."""
 
@@ -114,11 +129,11 @@ class ModuleAgents:
     def _take(
         self,
         system: str | Scene,
-        max_cycles: int,
-        render_mode: str | None,
-        note_length: int,
-        observation: str,
         *,
+        max_cycles: int = 500,
+        render_mode: str | None = None,
+        note_length: int = 0,
+        observation: str = "absolute",
         register: bool = False,
     ) -> None:
         """Take the arguments of an environment; InputError if one is wrong."""

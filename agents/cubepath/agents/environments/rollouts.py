@@ -64,19 +64,8 @@ class Rollout:
         )
 
 
-def check_max_rounds(max_rounds: object) -> None:
-    """Raise InputError if a run is to have less than no rounds, or no number of them."""
-    whole_number("max_rounds", max_rounds, 0)
-
-
 def play_in_python(
-    scene: Scene,
-    rule: RuleType,
-    *,
-    seed: int,
-    hesitate: float,
-    max_rounds: int,
-    watch: Callable[[Round], None] | None = None,
+    scene: Scene, rule: RuleType, *, seed: int, hesitate: float, max_rounds: int
 ) -> Rollout:
     """Play as `play` does, with the rule in plain Python."""
     note_length = rule.note_length(len(scene.start))
@@ -102,8 +91,6 @@ def play_in_python(
         if played is None:  # step has just set it
             raise AssertionError("a step without a round")
         rounds.append(played)
-        if watch is not None:
-            watch(played)
     return Rollout(scene, tuple(rounds), env.sites, scene.reached(env.sites), failed)
 
 
@@ -281,7 +268,7 @@ def play_many(
     >>> bool(runs.reached.all()), float(runs.rounds.mean())
     (True, 14.0)
     """
-    check_max_rounds(max_rounds)
+    whole_number("max_rounds", max_rounds, 0)
     scene, rule = scene_and_rule(system, rule)
     check_seeds(seeds, hesitate)
     scene = local_only(scene, "environment")
@@ -296,8 +283,9 @@ def play_many(
         else:
             batch.reset(list(seeds))
             keeper = MoveKeeper(batch) if keep_moves else None
-            playing = _Playing(batch, actors, tuple(seeds), max_rounds, keep_rounds, keeper)
-            return playing.result()
+            return _side_by_side(
+                batch, actors, tuple(seeds), max_rounds, keep_rounds=keep_rounds, keeper=keeper
+            )
     runs = [
         play_in_python(scene, rule, seed=seed, hesitate=hesitate, max_rounds=max_rounds)
         for seed in seeds
@@ -321,62 +309,55 @@ def _summed(
     )
 
 
-@dataclass(slots=True)
-class _Playing:
-    """Runs side by side in one batch."""
-
-    batch: Batch
-    actors: VectorActors
-    seeds: tuple[int, ...]
-    max_rounds: int
-    keep_rounds: bool
-    keeper: MoveKeeper | None
-    failed: dict[int, str] = field(default_factory=dict)
-
-    def result(self) -> Rollouts:
-        """Play to the end."""
-        batch, runs = self.batch, len(self.seeds)
-        moves, lost = np.zeros((2, runs), np.int64)
-        kept: list[list[ArrayRound]] = [[] for _ in range(runs)]
-        seen = batch.observe()
-        actions = np.zeros((runs, batch.modules), np.int32)
-        speaks = np.ones((runs, batch.modules), np.bool_)
-        playing = ~batch.reached & (batch.round < self.max_rounds)
-        while playing.any():
-            heard = seen.notes if batch.note_length else None
-            self.actors.act(seen.observation, seen.mask, heard, actions, playing=playing)
-            self.failed.update(self.actors.failed)
-            tables = batch.tables
-            before = [batch.standing(run) for run in range(runs)] if self.keep_rounds else []
-            kept_before = None if self.keeper is None else self.keeper.before()
-            told = (speaks & playing[:, None], self.actors.notes) if batch.note_length else None
-            chosen = actions.astype(np.int64)
-            outcomes = batch.step(chosen, told=told, live=playing.astype(np.uint8))
-            moves += (outcomes == GRANTED).sum(axis=1)
-            lost += (outcomes == LOST).sum(axis=1)
-            if self.keeper is not None and kept_before is not None:
-                self.keeper.keep(kept_before, actions, playing)
-            if self.keep_rounds:
-                for run in np.flatnonzero(playing).tolist():
-                    number = int(batch.round[run])
-                    kept[run].append(
-                        ArrayRound(tables, number, chosen[run], outcomes[run].copy(), before[run])
-                    )
-            playing &= ~batch.reached & (batch.round < self.max_rounds)
-            playing[list(self.actors.failed)] = False
-        return Rollouts(
-            self.seeds,
-            batch.round.copy(),
-            batch.reached,
-            moves,
-            lost,
-            self.failed,
-            tuple(tuple(batch.sites(run)) for run in range(runs)),
-            tuple(tuple(each.round() for each in run) for run in kept)
-            if self.keep_rounds
-            else None,
-            None if self.keeper is None else self.keeper.result(),
-        )
+def _side_by_side(
+    batch: Batch,
+    actors: VectorActors,
+    seeds: tuple[int, ...],
+    max_rounds: int,
+    *,
+    keep_rounds: bool,
+    keeper: MoveKeeper | None,
+) -> Rollouts:
+    """Play all runs to the end in one batch."""
+    failed: dict[int, str] = {}
+    moves, lost = np.zeros((2, len(seeds)), np.int64)
+    kept: list[list[ArrayRound]] = [[] for _ in seeds]
+    seen = batch.observe()
+    actions = np.zeros((len(seeds), batch.modules), np.int32)
+    speaks = np.ones(actions.shape, np.bool_)
+    playing = ~batch.reached & (batch.round < max_rounds)
+    while playing.any():
+        heard = seen.notes if batch.note_length else None
+        actors.act(seen.observation, seen.mask, heard, actions, playing=playing)
+        failed |= actors.failed
+        tables = batch.tables
+        before = list(zip(*batch.standings(), strict=True)) if keep_rounds else []
+        kept_before = None if keeper is None else keeper.before()
+        told = (speaks & playing[:, None], actors.notes) if batch.note_length else None
+        chosen = actions.astype(np.int64)
+        outcomes = batch.step(chosen, spoken=told, live=playing.astype(np.uint8))
+        moves += (outcomes == GRANTED).sum(axis=1)
+        lost += (outcomes == LOST).sum(axis=1)
+        if keeper is not None and kept_before is not None:
+            keeper.keep(kept_before, actions, playing)
+        for run in np.flatnonzero(playing).tolist() if keep_rounds else ():
+            number = int(batch.round[run])
+            kept[run].append(
+                ArrayRound(tables, number, chosen[run], outcomes[run].copy(), before[run])
+            )
+        playing &= ~batch.reached & (batch.round < max_rounds)
+        playing[list(actors.failed)] = False
+    return Rollouts(
+        seeds,
+        batch.round.copy(),
+        batch.reached,
+        moves,
+        lost,
+        failed,
+        tuple(tuple(batch.sites(run)) for run in range(len(seeds))),
+        tuple(tuple(each.round() for each in run) for run in kept) if keep_rounds else None,
+        None if keeper is None else keeper.result(),
+    )
 
 
 _ROUNDS = 20
@@ -390,14 +371,13 @@ def play(
     seed: int = 0,
     hesitate: float = 0.0,
     max_rounds: int = 1000,
-    watch: Callable[[Round], None] | None = None,
 ) -> Rollout:
     """Play until the goal is reached, a rule gives up, or `max_rounds` are over.
 
     `system` is a scene, or its name as on the command line. `rule` is a rule or the name of one,
     and None means the rule of the system's family. One that has a vectorised form is played in
-    compiled code once that is ready. `watch` is called after each round. InputError if the system
-    or the rule is not known, or they do not go together, or `max_rounds` is negative.
+    compiled code once that is ready. InputError if the system or the rule is not known, or they do
+    not go together, or `max_rounds` is negative.
 
     >>> played = play("hex:n=4", seed=1)
     >>> played.reached, len(played.rounds), len(played.path), played.sites[0]
@@ -406,17 +386,13 @@ def play(
     >>> first.generator, first.at
     ('pivot-2-right', (1, -1))
     """
-    check_max_rounds(max_rounds)
-    if watch is not None:
-        function("watch", watch)
+    whole_number("max_rounds", max_rounds, 0)
     scene, rule = scene_and_rule(system, rule)
     check_seeds([seed], hesitate)
-    if watch is None and rule.vectorised is not None and is_due(_ROUNDS * len(scene.start)):
+    if rule.vectorised is not None and is_due(_ROUNDS * len(scene.start)):
         runs = play_many(
             scene, rule, [seed], hesitate=hesitate, max_rounds=max_rounds, keep_rounds=True
         )
         played = () if runs.played is None else runs.played[0]
         return Rollout(scene, played, runs.sites[0], bool(runs.reached[0]), runs.failed.get(0))
-    return play_in_python(
-        scene, rule, seed=seed, hesitate=hesitate, max_rounds=max_rounds, watch=watch
-    )
+    return play_in_python(scene, rule, seed=seed, hesitate=hesitate, max_rounds=max_rounds)

@@ -82,8 +82,8 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
         self.batch = Batch(scene, num_envs, note_length=note_length)
         shown = ObservationEncoder(scene, observation)
         self._relative = RelativeArrays(self.batch) if shown.relative else None
-        self.single_observation_space = _stacked_space(shown.space(note_length), len(scene.start))
         modules = len(scene.start)
+        self.single_observation_space = batch_space(shown.space(note_length), modules)
         self.single_action_space = spaces.MultiDiscrete([scene.system.move_slots + 1] * modules)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -162,10 +162,10 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
             live = np.ones(self.num_envs, np.uint8)
             live[fresh] = 0
         before = batch.at_goal / batch.modules
-        told = None if notes is None else self._told(notes)
+        told = None if notes is None else self._spoken(notes)
         if told is not None and live is not None:
             told[0][live == 0] = False
-        outcomes = batch.step(chosen, told=told, live=live)
+        outcomes = batch.step(chosen, spoken=told, live=live)
         rewards = np.where(live == 0, 0.0, batch.at_goal / batch.modules - before)
         done, late = batch.reached, batch.round >= self.max_cycles
         if live is not None:
@@ -190,7 +190,7 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
             )
         return np.ascontiguousarray(found, np.int64)
 
-    def _told(self, notes: NDArray[np.int32]) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+    def _spoken(self, notes: NDArray[np.int32]) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
         shape = (self.num_envs, self.batch.modules, self.note_length)
         if not self.note_length or notes.shape != shape or notes.dtype != np.int32:
             raise InputError(
@@ -225,7 +225,7 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
                 seed,
                 int(batch.round[number]),
                 tuple(batch.sites(number)),
-                tuple(map(tuple, batch.said[number].tolist())),
+                tuple(map(tuple, batch.notes[number].tolist())),
                 () if over else self.scene.modules,
             )
             for number, (seed, over) in enumerate(
@@ -248,10 +248,6 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
     def sites(self, environment: int) -> list[Site]:
         """Return the site of each module of an environment, by number."""
         return self.batch.sites(environment)
-
-
-def _stacked_space(one: spaces.Dict, modules: int) -> spaces.Dict:
-    return spaces.Dict({key: batch_space(part, modules) for key, part in one.spaces.items()})
 
 
 vector_env = CubepathVectorEnv

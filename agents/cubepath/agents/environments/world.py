@@ -49,14 +49,14 @@ class World:
         self.seed = seed
         self.put(self.scene.start, 0, [(0,) * self.note_length] * len(self.scene.start))
 
-    def put(self, sites: Sequence[Site], round_number: int, said: Sequence[Note]) -> None:
+    def put(self, sites: Sequence[Site], round_number: int, notes: Sequence[Note]) -> None:
         """Put every module at its site after a round, with its last note."""
         self.round = round_number
         self.sites: list[Site] = list(sites)
         self._occupants: dict[Site, Site] = {self.scene.system.place_of(s): s for s in sites}
         self._module_at = {site: number for number, site in enumerate(sites)}
         self._masks: dict[int, Mask] = {}
-        self._said = [LastNote(tuple(numbers), first_choice=1) for numbers in said]
+        self._last_notes = [LastNote(tuple(numbers), first_choice=1) for numbers in notes]
         self._notes: dict[Site, Note] = {}
         self._speak({})
 
@@ -120,20 +120,20 @@ class World:
 
     def spoken(self) -> list[Note]:
         """Return the last note of each module, by number; zeros where a rule has sent none."""
-        return [last.numbers for last in self._said]
+        return [last.numbers for last in self._last_notes]
 
     def _speak(self, notes: Mapping[int, Note]) -> None:
         """Set the notes that are heard in the next round, from where modules stand now."""
         if not self.note_length:
             return
         for module, note in notes.items():
-            self._said[module] = self._said[module].replaced_by(note)
+            self._last_notes[module] = self._last_notes[module].replaced_by(note)
         place_of = self.scene.system.place_of
         heard = (
-            (place_of(site), last.said_in(self.round + 1))
-            for site, last in zip(self.sites, self._said, strict=True)
+            (place_of(site), last.sent_in(self.round + 1))
+            for site, last in zip(self.sites, self._last_notes, strict=True)
         )
-        self._notes = {place: said for place, said in heard if said is not None}
+        self._notes = {place: numbers for place, numbers in heard if numbers is not None}
 
 
 def _verdicts(claims: Mapping[int, Move], *, seed: int, round_number: int) -> dict[int, bool]:

@@ -4,8 +4,10 @@ It receives messages and ticks and returns effects. Its only notion of time is i
 which arrives some time after the node asked for it; that is enough to know when to ask again.
 """
 
+from collections.abc import Iterable, Sequence
+
 from cubepath.agents.free.config import HALT_S, FreeProcessConfig
-from cubepath.agents.free.mover import Ask, Mover, paces
+from cubepath.agents.free.mover import Mover, paces
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import scheduled
@@ -18,8 +20,6 @@ from cubepath.protocol.wire.free_messages import (
     Entered,
     EnterRequest,
     Halted,
-    Held,
-    Hold,
     Replies,
     Requests,
     RetransmitRange,
@@ -33,7 +33,7 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Go
-from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Timer
+from cubepath.protocol.wire.nodes import BatchNode, Effect, End, Ignore, Listen, Timer
 from cubepath.protocol.wire.outgoing_log import OutgoingLog
 
 TICK_S_MIN, TICK_S_MAX = 0.002, 0.25
@@ -41,7 +41,7 @@ _SWEEP_S = 1.0
 """How often tiles that nobody needs are looked for."""
 
 
-class FreeHostNode(Node):
+class FreeHostNode(BatchNode):
     """The modules of one process."""
 
     def __init__(self, config: FreeProcessConfig, scene: Scene | None = None) -> None:
@@ -81,8 +81,11 @@ class FreeHostNode(Node):
         """Until when modules halt, if they do."""
         self._order: int | None = None
         """The order to halt that it must answer when its modules rest."""
-        self._asks: list[Ask] = []
-        self._needed: frozenset[str] = frozenset()
+        self._news: set[Site] = set()
+        """Places of which something new is known; with `_all_news` any place may be one."""
+        self._all_news = False
+        self._needs: dict[int, frozenset[str]] = {}
+        """The tiles that each module needs."""
         self._due: dict[int, None] = dict.fromkeys(self.movers)
 
     def start(self) -> list[Effect]:
@@ -90,26 +93,30 @@ class FreeHostNode(Node):
         listen = Listen(heard_by_process(self._config.run, self._config.process))
         return [listen, *self._go_on()]
 
-    def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message; anything else has no effect except that it is counted."""
-        message = read_free(self._config.run, key, data)
-        match message:
-            case TileUpdate():
-                self._take(message)
-            case Replies(process=process, parts=parts) if process == self._config.process:
-                for part in parts:
-                    self._told(part, message.keeper)
-            case RetransmitRange():
-                return list(self._outgoing.retransmit(message))
-            case Go(phase="stop"):
-                return [Timer(None), End()]
-            case Go(phase="over", round=order):
-                self._halt(order)
-            case Go(phase="sense"):
-                self._halt(None)
-            case _:
-                self.refused += 1
-        return self._go_on()
+    def receive_all(self, messages: Sequence[tuple[str, bytes]]) -> list[Effect]:
+        """Take messages, and let the modules act once on all that is known then.
+
+        Anything else has no effect except that it is counted.
+        """
+        effects: list[Effect] = []
+        for key, data in messages:
+            match read_free(self._config.run, key, data):
+                case TileUpdate() as shows:
+                    self._take(shows)
+                case Replies(process=process) as replies if process == self._config.process:
+                    for part in replies.parts:
+                        self._take_reply(part)
+                case RetransmitRange() as asked:
+                    effects += self._outgoing.retransmit(asked)
+                case Go(phase="stop"):
+                    return [Timer(None), End()]
+                case Go(phase="over", round=order):
+                    self._halt(order)
+                case Go(phase="sense"):
+                    self._halt(None)
+                case _:
+                    self.refused += 1
+        return effects + self._go_on()
 
     def _halt(self, order: int | None) -> None:
         """Halt all modules, or let them continue."""
@@ -118,7 +125,7 @@ class FreeHostNode(Node):
             mover.halted = halted
             self._due[module] = None
         self._order = order
-        # Who halts everybody and is not heard of again stops nobody for long.
+        # A coordinator that halts all and is not heard of again stops nobody for long.
         self._halts_s = self._now_s + HALT_S if halted else float("inf")
 
     def tick(self) -> list[Effect]:
@@ -140,18 +147,15 @@ class FreeHostNode(Node):
         self._changed(changed, anything=now_whole)
 
     def _changed(self, places: list[Site], *, anything: bool = False) -> None:
-        """Tell the modules concerned that something new is known of places."""
+        """Note that something new is known of places."""
         for place in places:
             known = self.sensing.place(place)
             if known.module in self.movers and known.site is not None:
                 self.movers[known.module].taken_to(known.site, known.module_version)
-        if places or anything:
-            for module, mover in self.movers.items():
-                if anything or not mover.near.isdisjoint(places):
-                    mover.dirty = True
-                    self._due[module] = None
+        self._news.update(places)
+        self._all_news |= anything
 
-    def _told(self, part: Decision | Entered | Held, keeper: int) -> None:
+    def _take_reply(self, part: Decision | Entered) -> None:
         module = part.occupant.module if isinstance(part, Entered) else part.module
         mover = self.movers.get(module)
         if mover is None:
@@ -159,20 +163,22 @@ class FreeHostNode(Node):
             return
         if isinstance(part, Entered):
             mover.entered(part, self._now_s)
-        elif isinstance(part, Held):
-            self._changed(self.sensing.know(part.parts))
-            self._asks += mover.held(part, keeper, self._now_s)
         else:
-            self._asks += mover.decided(part, self._now_s)
+            mover.decided(part, self._now_s)
         self._due[module] = None
 
+    @property
+    def superseded(self) -> bool:
+        """Return whether another process has entered for a module of this one, which ends it."""
+        return any(mover.state == "superseded" for mover in self.movers.values())
+
     def _go_on(self) -> list[Effect]:
+        if self.superseded:
+            return [Timer(None), End()]
         effects: list[Effect] = []
-        asks: dict[int, list[Attempt | EnterRequest | Hold | TileQuery]] = {}
-        for keeper, part in self._asks:
-            asks.setdefault(keeper, []).append(part)
-        self._asks = []
+        asks: dict[int, list[Attempt | EnterRequest | TileQuery]] = {}
         turns: list[Turn] = []
+        self._wake()
         due, self._due = self._due, {}
         for module in sorted(due):
             mover = self.movers[module]
@@ -180,7 +186,7 @@ class FreeHostNode(Node):
                 asks.setdefault(keeper, []).append(part)
             turns += mover.turns
             mover.turns = []
-        effects += self._need()
+        effects += self._need(due)
         for tile, serial in self.sensing.due(self._now_s):
             keeper = self._tiles.keeper_of_tile(tile)
             asks.setdefault(keeper, []).append(TileQuery(tile, serial))
@@ -196,11 +202,23 @@ class FreeHostNode(Node):
             self._order = None
         return effects + self._timer()
 
-    def _need(self) -> list[Effect]:
-        tiles = frozenset[str]().union(*(mover.needs for mover in self.movers.values()))
-        if tiles == self._needed and self._now_s < self._swept_s + _SWEEP_S:
+    def _wake(self) -> None:
+        """Let the modules choose again that sense anything new."""
+        if self._news or self._all_news:
+            for module, mover in self.movers.items():
+                if self._all_news or not mover.near.isdisjoint(self._news):
+                    mover.dirty = True
+                    self._due[module] = None
+            self._news, self._all_news = set(), False
+
+    def _need(self, due: Iterable[int]) -> list[Effect]:
+        """Listen to the tiles that the modules need; `due` are those that may have moved."""
+        needs = {module: self.movers[module].needs for module in due}
+        if needs.items() <= self._needs.items() and self._now_s < self._swept_s + _SWEEP_S:
             return []
-        self._needed, self._swept_s = tiles, self._now_s
+        self._needs |= needs
+        self._swept_s = self._now_s
+        tiles = frozenset[str]().union(*self._needs.values())
         new, old = self.sensing.need(tiles, self._now_s)
         run = self._config.run
         effects: list[Effect] = []

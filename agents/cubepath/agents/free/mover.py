@@ -12,24 +12,20 @@ from typing import Any, Literal
 
 from cubepath.agents.free.config import OwnMove
 from cubepath.agents.free.sensing import Sensing
-from cubepath.agents.keepers.attempts import planned
-from cubepath.agents.keepers.node import TICK_S
+from cubepath.agents.keepers.attempts import chain_of
 from cubepath.agents.local.observation import STAY, observe
 from cubepath.agents.local.random_streams import HESITATE, PACE, RULE, stream
 from cubepath.agents.rules.actor import Actor, attempt_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.protocol.core.errors import RuleError
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
-    HOLD_TICKS_MAX,
     Attempt,
     Commit,
     Decision,
     Entered,
     EnterRequest,
-    Held,
-    Hold,
     TileQuery,
     Turn,
 )
@@ -43,15 +39,9 @@ RETRY_S, RETRY_S_MAX = 0.002, 0.25
 """The same after it was refused, times a number below one that it draws."""
 THINK_S = 0.01
 """What a module of speed 1 that is told to think takes to choose; others as many times longer."""
-MISSES = 3
-"""After this many attempts in a row that came too late it asks for what it senses to be held."""
-HOLD_TRIES = 2 * MISSES
-"""After this many requests to hold, it continues without."""
-HOLD_TICKS = 20
-"""This many ticks of the keepers it asks for at least, besides the time that it thinks."""
 
-State = Literal["entering", "resting", "thinking", "pending", "holding", "superseded"]
-Ask = tuple[int, Attempt | EnterRequest | Hold | TileQuery]
+State = Literal["entering", "resting", "thinking", "pending", "superseded"]
+Ask = tuple[int, Attempt | EnterRequest | TileQuery]
 """What is asked of which keeper."""
 
 
@@ -109,11 +99,6 @@ class Mover:
         self._actor: Actor | None = None
         self._attempt: Attempt | None = None
         self._first = 0
-        self._misses = 0
-        self._holds: list[tuple[int, list[Site]]] = []
-        """What it has asked to be held, by keeper in increasing order; those before `_held` are."""
-        self._held = self._hold_number = self._hold_tries = 0
-        self._holds_at = self.site
         self._random = stream(seed, module, PACE)
         nothing: frozenset[Any] = frozenset()
         self._near: tuple[Site | None, frozenset[Site], frozenset[str], list[Site]]
@@ -166,7 +151,6 @@ class Mover:
         # Where it was shown before this answer came may be later than the answer.
         self.taken_to(answer.site, occupant.version)
         self._attempt = None
-        self._holds, self._hold_number = [], 0
         self._rests(now_s, 0.0)
         if fresh:
             self._turn = 0
@@ -195,36 +179,27 @@ class Mover:
         self.site = site
         return moved
 
-    def decided(self, decision: Decision, now_s: float) -> list[Ask]:
-        """Note the result of its attempt; return what it asks next."""
+    def decided(self, decision: Decision, now_s: float) -> None:
+        """Note the result of its attempt."""
         attempt = self._attempt
         if attempt is None or self.state != "pending":
-            return []
+            return
         if (decision.epoch, decision.number) != (attempt.epoch, attempt.number):
-            return []
+            return
         if decision.reason.startswith("fenced"):
             # A later incarnation has taken its place. To enter again would fence that one off in
             # turn, under a number of incarnation that may be given to yet another.
             self.state, self.due_s = "superseded", inf
-            return []
+            return
         self._attempt = None
         self._number = decision.number
         if decision.commit is None:
-            self._misses += 1
             self._retry_s = min(2 * self._retry_s, RETRY_S_MAX)
             self._rests(now_s, self._retry_s * self._random.fraction())
-            return self._let_go(())  # keepers beyond the one that refused know nothing of it
-        self._holds = []
-        self._misses = self._misses_after_turn
+            return
         self._rest_s, self._retry_s = REST_S, RETRY_S
         self._executed(decision.commit)
         self._rests(now_s, 0.0)
-        return []
-
-    @property
-    def _misses_after_turn(self) -> int:
-        """Who needed to hold what it senses is likely to need it again."""
-        return MISSES - 1 if self._misses >= MISSES else 0
 
     def _executed(self, moved: Commit) -> None:
         self.level = max(self.level, moved.level)
@@ -251,8 +226,6 @@ class Mover:
                 return self._ask_again(now_s)
             case "thinking":
                 return self._thought(now_s, sensing)
-            case "holding":
-                return self._wait_to_hold(now_s)
             case "superseded":
                 return []
             case _:
@@ -286,9 +259,8 @@ class Mover:
             return self._choose(now_s, sensing)
         if not self._still(attempt, sensing):
             self._attempt = None
-            self._misses += 1
             self._rests(now_s, 0.0)
-            return [*self._let_go(()), *self._choose(now_s, sensing)]  # what was held is not
+            return self._choose(now_s, sensing)
         return self._send(attempt, now_s)
 
     def _still(self, attempt: Attempt, sensing: Sensing) -> bool:
@@ -310,86 +282,15 @@ class Mover:
         self.state = "pending"
         self._again_s = AGAIN_S
         self._wait_for_answer(now_s)
-        chain = planned(self._system, self._tiles, attempt).chain
-        self._first = chain[0]
-        # The keepers of the chain let go by themselves when they commit.
-        return [(self._first, attempt), *self._let_go(chain)]
-
-    # Holding what it senses.
-
-    def _begin_to_hold(self, now_s: float) -> list[Ask]:
-        """Ask for what it senses to be held, of one keeper after the other in increasing order."""
-        system, place = self._system, self._system.place_of(self.site)
-        shares: dict[int, list[Site]] = {}
-        for near in in_order({place, *(each for each in system.sensed(place) if each is not None)}):
-            if system.has_place(near):
-                shares.setdefault(self._tiles.keeper_of(near), []).append(near)
-        self._holds = sorted(shares.items())
-        self._held, self._holds_at = 0, self.site
-        self.state = "holding"
-        return self._hold_next(now_s)
-
-    def _hold_next(self, now_s: float) -> list[Ask]:
-        self._hold_number += 1
-        self._hold_tries = 0
-        self._again_s = AGAIN_S
-        return self._ask_to_hold(now_s)
-
-    def _ask_to_hold(self, now_s: float) -> list[Ask]:
-        keeper, places = self._holds[self._held]
-        self._wait_for_answer(now_s)
-        thinks_s = 2 * self._pace.factor * THINK_S * (1.0 + self._pace.jitter)
-        ticks = min(HOLD_TICKS + int(thinks_s / TICK_S), HOLD_TICKS_MAX)
-        asked = list(places)
-        return [(keeper, Hold(self.module, self._epoch, self._hold_number, asked, ticks))]
-
-    def _wait_to_hold(self, now_s: float) -> list[Ask]:
-        if self.halted or self._holds_at != self.site:
-            self._rests(now_s, 0.0)
-            return self._let_go(())
-        if now_s < self.due_s:
-            return []
-        self._hold_tries += 1
-        if self._hold_tries == HOLD_TRIES:
-            # A keeper may be dead that its attempt does not concern.
-            self._misses = 0
-            self._rests(now_s, 0.0)
-            return self._let_go(())
-        if self._hold_tries % MISSES == 0:
-            self._hold_number += 1  # it may have been held, and given up again
-        return self._ask_to_hold(now_s)
-
-    def held(self, answer: Held, keeper: int, now_s: float) -> list[Ask]:
-        """Note what is held for it; return what it asks next."""
-        if self.state != "holding" or keeper != self._holds[self._held][0]:
-            return []
-        if (answer.epoch, answer.number) != (self._epoch, self._hold_number):
-            return []
-        self._held += 1
-        if self._held < len(self._holds):
-            return self._hold_next(now_s)
-        self._rests(now_s, 0.0)
-        self._retry_s = RETRY_S
-        return []
-
-    def _let_go(self, chain: Iterable[int]) -> list[Ask]:
-        """Give up what is held for it, or may be, but at the keepers of a chain."""
-        asks: list[Ask] = []
-        asked, self._holds = self._holds[: self._held + 1], []
-        for keeper, places in asked:
-            if keeper in chain:
-                self._holds.append((keeper, places))
-            else:
-                self._hold_number += 1
-                asks.append((keeper, Hold(self.module, self._epoch, self._hold_number, [], 0)))
-        return asks
+        self._first = chain_of(self._system, self._tiles, attempt)[0]
+        return [(self._first, attempt)]
 
     def _choose(self, now_s: float, sensing: Sensing) -> list[Ask]:
         """Let the rule choose, if it is due and everything that it senses is known."""
         if self.halted:
             self.dirty = True
             self.due_s = now_s + REST_S_MAX
-            return self._let_go(())
+            return []
         if now_s < self.due_s and not (self.dirty and self._retry_s <= RETRY_S):
             return []
         here = sensing.place(self._system.place_of(self.site))
@@ -397,17 +298,13 @@ class Mover:
         if not known or not sensing.sees(self._seen):
             self.due_s = now_s + AGAIN_S  # what it has just done, or what is near, is not shown yet
             return []
-        if self._misses >= MISSES and not self._holds:
-            return self._begin_to_hold(now_s)
         self.dirty = False
         self._turn += 1
         attempt = self._own_attempt(sensing) if self._own is not None else self._asked(sensing)
         if attempt is None:
             self.state, self.due_s = "resting", now_s + self._rest_s
             self._rest_s = min(2 * self._rest_s, REST_S_MAX)
-            if self._holds:  # otherwise it may stay because it came too late
-                self._misses = self._misses_after_turn
-            return self._let_go(())
+            return []
         self._rest_s = REST_S
         self._attempt = attempt
         return self._think(attempt, now_s)

@@ -5,7 +5,7 @@ Every process that handles an attempt derives the same, so messages do not carry
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -18,7 +18,6 @@ from cubepath.protocol.wire.keys import Tiles
 
 Lock: TypeAlias = tuple[bool, Site]
 """What can be locked: a unit (False), or the register at a place (True)."""
-NOBODYS: frozenset[Lock] = frozenset()
 NO_PLACE = (InputError, TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
 """What systems raise for a value that is none of their sites."""
 
@@ -65,17 +64,6 @@ class AttemptPlan:
     def motion(self) -> tuple[tuple[Site, Site], ...]:
         """Return where each module goes that the move takes along, the mover first."""
         return () if self.move is None else self.move.motion
-
-
-def held(system: System, places: Iterable[Site]) -> Share:
-    """Return the share of a keeper that holds places: all their units, and their registers."""
-    units: list[Site] = []
-    for place in in_order(set(places)):
-        system.check_place(place)
-        units += [(place, letter) for letter in system.letters] or [place]
-    exclusive: set[Lock] = {(False, unit) for unit in units}
-    exclusive |= {(True, place) for place in places}
-    return Share((), (), (), (), (), (), NOBODYS, frozenset(exclusive))
 
 
 def support_units(system: System, tiles: Tiles, move: Move) -> tuple[frozenset[Site], ...]:

@@ -19,6 +19,8 @@ class KeeperConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The path of the keeper's log."""
     log_run: str
     """The run that began the log."""
+    logged: bytes = b""
+    """What the keeper has logged elsewhere before, if it is to continue."""
     incarnation: int = 1
     """How often it has been started, from 1."""
     commits: int = 0

@@ -9,7 +9,7 @@ A keeper repeats an answer when it is asked again. It decides nothing: it only c
 sensed with the present state.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -19,9 +19,11 @@ from cubepath.agents.keepers import attempts
 from cubepath.agents.keepers.journal import (
     Acknowledged,
     Committed,
+    Compacted,
     Decided,
     JoinedRecord,
     Journal,
+    KeptCommit,
     Prepared,
     Record,
 )
@@ -39,8 +41,6 @@ from cubepath.protocol.wire.free_messages import (
     Forwarded,
     Forwards,
     FreeMessage,
-    Held,
-    Hold,
     Inquiry,
     Occupant,
     Register,
@@ -52,8 +52,8 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.keys import Tiles
 
 LEASE_TICKS, LEASE_TICKS_MAX = 6, 200
-"""After so many ticks a keeper asks what became of an attempt, and then ever more rarely. It waits
-longer from the start for a module whose last attempt was aborted so: links may be slow."""
+"""After this many ticks a keeper asks what became of an attempt, and then ever more rarely. It
+waits longer from the start for a module whose last attempt was aborted so: links may be slow."""
 ABORTED = "aborted: it did not come through in time"
 REMIND_TICKS = 40
 """After this many ticks a keeper tells a commit again to those who have not acknowledged it."""
@@ -77,24 +77,6 @@ class _Pending:
     share: attempts.Share
     age: int = 0
     due: int = LEASE_TICKS
-
-    @property
-    def owner(self) -> int:
-        return self.passed.attempt.module
-
-
-@dataclass(slots=True)
-class _Hold:
-    """Places that are held for a module, or that it waits for; nothing of it is logged."""
-
-    asked: Hold
-    process: int
-    share: attempts.Share
-    left: int
-
-    @property
-    def owner(self) -> int:
-        return ~self.asked.module
 
 
 @dataclass(slots=True)
@@ -124,7 +106,7 @@ class _Out:
     """Outgoing parts, by receiver."""
 
     passes: dict[int, list[Forwarded | Decision | Inquiry | Settled]] = field(default_factory=dict)
-    tells: dict[int, list[Decision | Entered | Held]] = field(default_factory=dict)
+    tells: dict[int, list[Decision | Entered]] = field(default_factory=dict)
     rest: list[FreeMessage] = field(default_factory=list)
 
 
@@ -153,32 +135,31 @@ class Keeper:
         self._out = _Out()
         self._last: dict[int, _Last] = {}
         self._prepared: dict[int, _Pending] = {}
-        self._waiting: dict[int, _Pending | _Hold] = {}
-        """By owner, in the order in which they came."""
-        self._holds: dict[int, _Hold] = {}
-        """By module."""
-        self._asked: dict[int, tuple[int, int]] = {}
-        """By module the epoch and the number of the last time it asked for that."""
-        # Owners are modules for their attempts, and their complements for what they hold.
+        self._waiting: dict[int, _Pending] = {}
+        """By module, in the order in which they came."""
         self._exclusive: dict[attempts.Lock, int] = {}
         self._shared: dict[attempts.Lock, dict[int, None]] = {}
         self._leases: dict[int, int] = {}
         """Of modules whose last attempt was aborted."""
         self._unsettled: dict[Name, _Unsettled] = {}
+        self._settled: dict[tuple[int, int], tuple[int, int]] = {}
+        """By keeper and module the last commit that it has acknowledged: epoch and number."""
+        self._entered: dict[int, int] = {}
+        """By module how often it has entered here."""
         self._owed: dict[int, list[Settled]] = {}
         self._owed_age = 0
         self.commits = 0
+        self._forgotten = 0
+        """How many of them are no longer in the journal."""
         self.refused = 0
         """Messages that were none."""
         self._come_back()
 
     # What comes in.
 
-    def ask(self, process: int, part: Attempt | EnterRequest | Hold | TileQuery) -> None:
+    def ask(self, process: int, part: Attempt | EnterRequest | TileQuery) -> None:
         """Take what a process asks."""
         match part:
-            case Hold():
-                self._asked_to_hold(process, part)
             case Attempt():
                 self._attempt(Forwarded(part, process, 0, [], [], [], [], []), None)
             case EnterRequest():
@@ -198,8 +179,16 @@ class Keeper:
             case Settled():
                 self._acknowledged(keeper, part)
 
-    def fetch(self, serial: int) -> None:
-        """Tell the coordinator the commits after a serial number."""
+    def fetch(self, serial: int, recorded: int = 0) -> None:
+        """Tell the coordinator the commits after a serial number.
+
+        Those that are in the file of its recording are forgotten when the journal is compacted.
+        """
+        if self._journal.grown:
+            recorded = max(self._forgotten, min(recorded, self.commits))
+            self._journal.compact(self._compacted(recorded))
+            self._forgotten = recorded
+        serial = max(serial, self._forgotten)
         last = min(self.commits, serial + FETCH_MAX)
         parts = [self._journal.commit(number) for number in range(serial + 1, last + 1)]
         units = self.units.touched() if last == self.commits else []
@@ -214,10 +203,6 @@ class Keeper:
             if pending.age >= pending.due:
                 self._inquire(pending)
         self._remind()
-        for hold in list(self._holds.values()):
-            hold.left -= 1
-            if hold.left <= 0:
-                self._give_up(hold.asked.module)
         if self._owed:
             self._owed_age += 1
             if self._owed_age >= SETTLE_TICKS:
@@ -234,9 +219,9 @@ class Keeper:
     @property
     def busy(self) -> bool:
         """Return whether anything is due at some time."""
-        return bool(self._prepared or self._unsettled or self._owed or self._holds)
+        return bool(self._prepared or self._unsettled or self._owed)
 
-    def said(self) -> list[FreeMessage]:
+    def outgoing(self) -> list[FreeMessage]:
         """Return the outgoing parts since the last call."""
         out, self._out = self._out, _Out()
         for keeper in list(out.passes):
@@ -260,8 +245,8 @@ class Keeper:
             self._again(passed, last, sender)
             return
         waiting = self._waiting.get(attempt.module)
-        if isinstance(waiting, _Pending) and mine <= name_of(waiting.passed.attempt)[1:]:
-            self._go_on()  # whoever was waited for may have been replaced meanwhile
+        if waiting is not None and mine <= name_of(waiting.passed.attempt)[1:]:
+            self._go_on()  # the process that it waited for may have been replaced meanwhile
             return
         try:
             plan = attempts.planned(self._system, self._tiles, attempt)
@@ -302,31 +287,22 @@ class Keeper:
         else:
             self._pass(sender, last.decision)
 
-    def _must_wait(self, pending: _Pending | _Hold) -> bool:
-        """Return whether it conflicts with what is prepared or held, or came before it.
-
-        What is held for a module is not in its own way, and those who wait for that are not before
-        it: they would wait for each other.
-        """
-        owner, share = pending.owner, pending.share
-        if owner in self._prepared or self._is_locked(owner, share):
+    def _must_wait(self, pending: _Pending) -> bool:
+        """Return whether it conflicts with what is prepared, or came before it."""
+        module, share = pending.passed.attempt.module, pending.share
+        if module in self._prepared or self._is_locked(share):
             return True
-        if owner in self._holds:
-            return False
         for other, earlier in self._waiting.items():
-            if other == owner:
+            if other == module:
                 return False
-            if other != ~owner and share.conflicts(earlier.share):
+            if share.conflicts(earlier.share):
                 return True
         return False
 
-    def _is_locked(self, owner: int, share: attempts.Share) -> bool:
-        """Return whether anything of a share is locked, but by what is held for an attempt."""
-        own = (None, ~owner) if owner >= 0 else (None,)
-        for lock in share.exclusive:
-            if self._exclusive.get(lock) not in own or self._shared.get(lock):
-                return True
-        return any(self._exclusive.get(lock) not in own for lock in share.shared)
+    def _is_locked(self, share: attempts.Share) -> bool:
+        return any(
+            lock in self._exclusive or lock in self._shared for lock in share.exclusive
+        ) or any(lock in self._exclusive for lock in share.shared)
 
     def _take(self, pending: _Pending) -> None:
         """Check an attempt that nothing is in the way of; refuse, prepare or commit it."""
@@ -415,7 +391,6 @@ class Keeper:
         self._tell(passed.process, decision)
         for keeper in chain[: chain.index(self.me)]:
             self._pass(keeper, decision)
-        self._give_up(decision.module)
 
     def _commit(self, passed: Forwarded, plan: attempts.AttemptPlan) -> None:
         attempt = passed.attempt
@@ -430,7 +405,6 @@ class Keeper:
             self._pass(keeper, decision)
         self._out.rest.append(moved)
         self._show_changes()
-        self._give_up(decision.module)
 
     def _carry_out_commit(
         self, passed: Forwarded, decision: Decision, plan: attempts.AttemptPlan
@@ -521,7 +495,6 @@ class Keeper:
                 self._tell(pending.passed.process, decision)
         if decision.commit is not None and decision.commit.keeper == keeper:
             self._owed.setdefault(keeper, []).append(Settled(*name_of(decision)))
-        self._give_up(decision.module)
         self._go_on()
 
     def _decide(self, pending: _Pending, decision: Decision) -> None:
@@ -544,14 +517,11 @@ class Keeper:
 
     def _go_on(self) -> None:
         """Take up those who waited, in the order in which they came."""
-        for owner, pending in list(self._waiting.items()):
-            if self._waiting.get(owner) is not pending or self._must_wait(pending):
+        for module, pending in list(self._waiting.items()):
+            if self._waiting.get(module) is not pending or self._must_wait(pending):
                 continue
-            del self._waiting[owner]
-            if isinstance(pending, _Hold):
-                self._hold(pending)
-                continue
-            last = self._last.get(owner)
+            del self._waiting[module]
+            last = self._last.get(module)
             if last is None or name_of(pending.passed.attempt)[1:] > last.id:
                 self._take(pending)
 
@@ -570,13 +540,8 @@ class Keeper:
             self._pass(keeper, unsettled.decision)
             return
         waiting = self._waiting.get(inquiry.module)
-        if isinstance(waiting, _Pending) and name_of(waiting.passed.attempt) == name:
-            if not self._waits_for_a_hold(waiting):
-                return
-            # An attempt that holds places may come to wait for what this one has locked at lower
-            # keepers.
-            del self._waiting[inquiry.module]
-            self._go_on()
+        if waiting is not None and name_of(waiting.passed.attempt) == name:
+            return
         last = self._last.get(inquiry.module)
         if last is not None and last.id == name[1:] and last.decision is not None:
             self._pass(keeper, last.decision)
@@ -587,12 +552,6 @@ class Keeper:
             self._last[inquiry.module] = _Last(inquiry.epoch, inquiry.number, decision)
         self._pass(keeper, decision)
 
-    def _waits_for_a_hold(self, pending: _Pending) -> bool:
-        return any(
-            module != pending.owner and hold.share.conflicts(pending.share)
-            for module, hold in self._holds.items()
-        )
-
     def _acknowledged(self, keeper: int, settled: Settled) -> None:
         unsettled = self._unsettled.get(name_of(settled))
         if unsettled is not None and keeper in unsettled.owing:
@@ -600,86 +559,18 @@ class Keeper:
             self._forget(keeper, name_of(settled))
 
     def _forget(self, keeper: int, name: Name) -> None:
-        owing = self._unsettled[name].owing
-        owing.pop(keeper, None)
-        if not owing:
-            del self._unsettled[name]
+        module, *number = name
+        before = self._settled.get((keeper, module), (0, 0))
+        self._settled[keeper, module] = max(before, (number[0], number[1]))
+        unsettled = self._unsettled.get(name)
+        if unsettled is not None:
+            unsettled.owing.pop(keeper, None)
+            if not unsettled.owing:
+                del self._unsettled[name]
 
     def _settle(self, keeper: int) -> None:
         for settled in self._owed.pop(keeper):
             self._pass(keeper, settled)
-        if not self._owed:
-            self._owed_age = 0
-
-    # Places that are held for a module.
-
-    def _asked_to_hold(self, process: int, asked: Hold) -> None:
-        module, mine = asked.module, (asked.epoch, asked.number)
-        last = self._last.get(module)
-        before = self._asked.get(module, (0, 0))
-        if (last is not None and asked.epoch < last.epoch) or mine < before:
-            return
-        if mine == before:
-            known = self._holds.get(module)
-            if known is None:
-                self._go_on()  # it may wait; what was given up is not held again
-            elif known.asked == asked:
-                self._say_held(known)
-            return
-        try:
-            places = list(asked.places)
-            share = attempts.held(self._system, places)
-        except attempts.NO_PLACE:
-            self.refused += 1
-            return
-        # Nobody senses more than that, and who could hold everything would stop everybody.
-        too_many = len(set(places)) > self._system.sense_slots + 1
-        if too_many or any(self._tiles.keeper_of(place) != self.me for place in places):
-            self.refused += 1
-            return
-        self._asked[module] = mine
-        self._hold_instead(_Hold(asked, process, share, asked.ticks))
-
-    def _hold_instead(self, hold: _Hold) -> None:
-        """Hold this, now or later, and nothing else for the module."""
-        asked, module, share = hold.asked, hold.asked.module, hold.share
-        waiting = self._waiting.get(~module)
-        if asked.ticks and isinstance(waiting, _Hold) and waiting.share == share:
-            self._waiting[~module] = hold  # it keeps its place in the line
-            return
-        self._waiting.pop(~module, None)
-        self._free(module)
-        if asked.ticks:
-            if not self._must_wait(hold):
-                self._hold(hold)
-            elif len(self._waiting) < WAITING_MAX:
-                self._waiting[~module] = hold
-        self._go_on()
-
-    def _hold(self, hold: _Hold) -> None:
-        self._holds[hold.asked.module] = hold
-        for lock in hold.share.exclusive:
-            self._exclusive[lock] = hold.owner
-        self._say_held(hold)
-
-    def _say_held(self, hold: _Hold) -> None:
-        asked = hold.asked
-        parts = [self.units.shown(place) for place in asked.places]
-        self._tell(hold.process, Held(asked.module, asked.epoch, asked.number, parts))
-
-    def _give_up(self, module: int) -> None:
-        """Free what is held for a module, and take up those who waited for that."""
-        if self._free(module):
-            self._go_on()
-
-    def _free(self, module: int) -> bool:
-        hold = self._holds.pop(module, None)
-        if hold is None:
-            return False
-        for lock in hold.share.exclusive:
-            if self._exclusive.get(lock) == hold.owner:
-                del self._exclusive[lock]
-        return True
 
     # Modules that enter, and processes that look.
 
@@ -693,7 +584,7 @@ class Keeper:
             return
         holders = [self._exclusive.get(lock), *self._shared.get(lock, ())]
         for module in holders:
-            if module is not None and module >= 0:
+            if module is not None:
                 # It may be about to move: what became of that comes first.
                 self._inquire(self._prepared[module])
                 return
@@ -706,6 +597,7 @@ class Keeper:
             self._tell(process, Entered(enter.incarnation, site, known))
 
     def _be_born(self, enter: EnterRequest) -> None:
+        self._entered[enter.module] = self._entered.get(enter.module, 0) + 1
         occupant = self.units.occupant(self.units.place_of[enter.module])
         if occupant is not None:
             self.units.replace(
@@ -747,6 +639,36 @@ class Keeper:
                 self._be_born(enter)
             case Acknowledged():
                 self._forget(record.keeper, (record.module, record.epoch, record.number))
+            case Compacted():
+                self._take_up(record)
+            case KeptCommit(commit=moved):
+                self.commits = moved.serial
+
+    def _compacted(self, recorded: int) -> Iterator[Record]:
+        """Yield records of which a keeper comes back that knows what this one does.
+
+        What is not logged is left out, and how long leases have become.
+        """
+        unsettled = [(each.decision, list(each.owing)) for each in self._unsettled.values()]
+        yield Compacted(recorded, self.units.state(), self._entered, unsettled)
+        for serial in range(recorded + 1, self.commits + 1):
+            yield KeptCommit(self._journal.commit(serial))
+        for last in self._last.values():
+            if last.decision is not None:
+                yield Decided(last.decision)
+        for (keeper, module), number in self._settled.items():
+            yield Acknowledged(keeper, module, *number)
+        for pending in self._prepared.values():
+            yield Prepared(pending.passed)
+
+    def _take_up(self, compacted: Compacted) -> None:
+        self.commits = self._forgotten = compacted.commits
+        self.units.restore(compacted.units)
+        self._entered = dict(compacted.entered)
+        self._unsettled = {
+            name_of(decision): _Unsettled(decision, dict.fromkeys(owing))
+            for decision, owing in compacted.unsettled
+        }
 
     def _decided_before(self, decision: Decision) -> None:
         pending = self._prepared.get(decision.module)
@@ -755,7 +677,7 @@ class Keeper:
         else:
             self._last[decision.module] = _Last(decision.epoch, decision.number, decision)
 
-    def _tell(self, process: int, part: Decision | Entered | Held) -> None:
+    def _tell(self, process: int, part: Decision | Entered) -> None:
         self._out.tells.setdefault(process, []).append(part)
 
     def _pass(self, keeper: int, part: Forwarded | Decision | Inquiry | Settled) -> None:

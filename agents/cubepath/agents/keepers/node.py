@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.protocol.wire import free_messages
 from cubepath.protocol.wire.messages import Go, encode
-from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
+from cubepath.protocol.wire.nodes import BatchNode, Effect, End, Listen, Put, Timer
 from cubepath.protocol.wire.outgoing_log import OutgoingLog
 
 TICK_S = 0.05
 
 
-class KeeperNode(Node):
+class KeeperNode(BatchNode):
     """A keeper between the wire and its own machine; it serves until `Go` says "stop"."""
 
     def __init__(
@@ -32,17 +32,23 @@ class KeeperNode(Node):
 
     def start(self) -> list[Effect]:
         """Listen, and show the result of anything that was under way before."""
-        return [Listen(free_messages.heard_by_keeper(self._run, self.keeper.me)), *self._said()]
+        return [Listen(free_messages.heard_by_keeper(self._run, self.keeper.me)), *self._effects()]
 
-    def receive(self, key: str, data: bytes) -> list[Effect]:
-        """Take a message; anything else has no effect except that it is counted."""
-        message = free_messages.read_free(self._run, key, data)
-        if isinstance(message, Go) and message.phase == "stop":
-            return [Timer(None), End()]
-        if isinstance(message, free_messages.RetransmitRange):
-            return list(self._outgoing.retransmit(message))
-        self._take(message)
-        return self._said()
+    def receive_all(self, messages: Sequence[tuple[str, bytes]]) -> list[Effect]:
+        """Take messages; what follows from all of them is one message to each receiver.
+
+        Anything else has no effect except that it is counted.
+        """
+        effects: list[Effect] = []
+        for key, data in messages:
+            message = free_messages.read_free(self._run, key, data)
+            if isinstance(message, Go) and message.phase == "stop":
+                return [*effects, *self._effects(), Timer(None), End()]
+            if isinstance(message, free_messages.RetransmitRange):
+                effects += self._outgoing.retransmit(message)
+            else:
+                self._take(message)
+        return effects + self._effects()
 
     def _take(self, message: free_messages.FreeMessage | None) -> None:
         keeper = self.keeper
@@ -54,10 +60,10 @@ class KeeperNode(Node):
                     else:
                         keeper.refused += 1
             case free_messages.Forwards(keeper=other, to=keeper.me, parts=parts):
-                for said in parts:
-                    keeper.hear(other, said)
-            case free_messages.CommitQuery(keeper=keeper.me, serial=serial):
-                keeper.fetch(serial)
+                for each in parts:
+                    keeper.hear(other, each)
+            case free_messages.CommitQuery(keeper=keeper.me, serial=serial, recorded=recorded):
+                keeper.fetch(serial, recorded)
             case Go():
                 pass  # for modules
             case _:
@@ -67,17 +73,15 @@ class KeeperNode(Node):
         """Ask for what is due."""
         self._ticking = False
         self.keeper.tick()
-        return self._said()
+        return self._effects()
 
     def _may_speak(self, process: int, part: object) -> bool:
-        if not isinstance(
-            part, free_messages.Attempt | free_messages.EnterRequest | free_messages.Hold
-        ):
+        if not isinstance(part, free_messages.Attempt | free_messages.EnterRequest):
             return True
         return self._process_of.get(part.module) == process
 
-    def _said(self) -> list[Effect]:
-        effects: list[Effect] = [self._put(message) for message in self.keeper.said()]
+    def _effects(self) -> list[Effect]:
+        effects: list[Effect] = [self._put(message) for message in self.keeper.outgoing()]
         if self.keeper.busy and not self._ticking:
             self._ticking = True
             effects.append(Timer(TICK_S))

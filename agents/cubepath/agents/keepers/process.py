@@ -5,6 +5,8 @@ when it is told to or with its parent.
 """
 
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 from cubepath.agents.keepers.config import KeeperConfig
@@ -17,8 +19,9 @@ from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.shell import run_node, serve
 
 
-def keep(config: KeeperConfig) -> None:
-    """Come back from the log if there is one, and serve until `Go` says "stop"."""
+@contextmanager
+def keeper_node(config: KeeperConfig) -> Generator[KeeperNode]:
+    """Make the node of a keeper, which comes back from its log if there is one."""
     scene = scene_from_toml(config.scene, "the configuration")
     tiles = Tiles(scene.system, config.keepers)
     opened = Opened(config.log_run, config.keeper, config.incarnation)
@@ -27,7 +30,12 @@ def keep(config: KeeperConfig) -> None:
             keeper = Keeper(config.keeper, scene, tiles, journal, tell_reads=config.tell_reads)
         except InputError as error:
             raise InputError(f"{config.log}: {error}") from None
-        node = KeeperNode(keeper, config.run, config.modules_of, config.incarnation)
+        yield KeeperNode(keeper, config.run, config.modules_of, config.incarnation)
+
+
+def keep(config: KeeperConfig) -> None:
+    """Serve until `Go` says "stop"."""
+    with keeper_node(config) as node:
         run_node(node, config.endpoint, config.credentials)
 
 

@@ -8,6 +8,8 @@ overwrites, and the readers of what it overwrites.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import msgspec
+
 from cubepath.agents.keepers.attempts import Share
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
@@ -26,6 +28,18 @@ class Unit:
 
 
 _UNTOUCHED = Unit()
+
+
+class UnitsState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The units of a keeper as its log has them, with all that is there."""
+
+    units: list[tuple[Site, int, int, int, int]]
+    """Each that was ever read or written: version, level, reads, read level."""
+    places: list[tuple[Site, int]]
+    """How many moves have written a place."""
+    occupants: list[tuple[Site, Occupant]]
+    serials: dict[str, int]
+    """How often a tile has changed."""
 
 
 class Units:
@@ -55,6 +69,28 @@ class Units:
 
     def _unit_place(self, unit: Site) -> Site:
         return unit if self._system.labels is not None else self._system.place_of(unit)
+
+    def state(self) -> UnitsState:
+        """Return what `restore` takes up."""
+        units = [
+            (unit, known.version, known.level, known.reads, known.read_level)
+            for unit, known in self.units.items()
+        ]
+        occupants = list(self._occupants.values())
+        return UnitsState(units, list(self._places.items()), occupants, self.serials)
+
+    def restore(self, state: UnitsState) -> None:
+        """Take up what was before, and forget everything else."""
+        self.units = {unit: Unit(*known) for unit, *known in state.units}
+        self._places, self.serials = dict(state.places), dict(state.serials)
+        self._by_tile = {}
+        for known in (self._occupants, self.place_of):
+            known.clear()
+        for site, occupant in state.occupants:
+            self._put(site, occupant)
+        shown = [*self._places, *(map(self._unit_place, self.units) if self._tell_reads else ())]
+        for place in shown:
+            self._by_tile.setdefault(self._tiles.tile_of(place), {})[place] = None
 
     def unit(self, unit: Site) -> Unit:
         """Return what is known of a unit."""

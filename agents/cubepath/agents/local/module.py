@@ -14,27 +14,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from cubepath.agents.local import arbitration
-from cubepath.agents.local.observation import (
-    Note as NoteNumbers,
-    Observation,
-    chosen_move,
-    is_legal,
-    observe,
-)
+from cubepath.agents.local.observation import Note, Observation, chosen_move, is_legal, observe
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.messages import (
-    Claim,
-    Message,
-    Note,
-    Part,
-    Presence,
-    Report,
-    Verdict,
-    kind_of,
-)
+from cubepath.protocol.wire import messages as wire
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,22 +30,17 @@ class LastNote:
     choice. It is zeros until the rule has chosen with a note.
     """
 
-    numbers: NoteNumbers
+    numbers: Note
     first_choice: int
     """The round in which the rule chooses for the first time; until then it has sent nothing."""
 
-    def said_in(self, round_number: int) -> NoteNumbers | None:
+    def sent_in(self, round_number: int) -> Note | None:
         """Return what the module says at the beginning of a round; None if it says nothing."""
         return self.numbers if self.numbers and round_number > self.first_choice else None
 
-    def replaced_by(self, note: NoteNumbers | None) -> LastNote:
+    def replaced_by(self, note: Note | None) -> LastNote:
         """Return the last note after a choice with this note; None or empty leaves it unchanged."""
         return replace(self, numbers=note) if note else self
-
-
-def nothing_said(note_length: int, *, first_choice: int) -> LastNote:
-    """Return the note of a rule that will choose for the first time in round `first_choice`."""
-    return LastNote((0,) * note_length, first_choice)
 
 
 _COUNTS_IN = {
@@ -70,6 +50,9 @@ _COUNTS_IN = {
     "verdict": ("sense", "claim", "settle"),
 }
 """The phases in which a kind of message is accepted; in later phases it is late."""
+
+
+_HEARD = (wire.Presence, wire.Note, wire.Claim, wire.Verdict)
 
 
 class ProtocolError(CubepathError):
@@ -115,12 +98,12 @@ class ModuleCore:
         """
         self._note_length = note_length
         if not heard:
-            self._last_note = nothing_said(note_length, first_choice=self.round + 1)
+            self._last_note = LastNote((0,) * note_length, first_choice=self.round + 1)
 
     def _clear(self) -> None:
         self._heard: dict[str, list[int]] = {}
         self._occupants: dict[Site, Site] = {}
-        self._notes: dict[Site, NoteNumbers] = {}
+        self._notes: dict[Site, Note] = {}
         self._claims: dict[int, Move] = {}
         self._verdicts: dict[int, bool] = {}
         self._mask: list[int] = [1]
@@ -136,22 +119,24 @@ class ModuleCore:
         """Return where the module stands."""
         return self._system.place_of(self.site)
 
-    def sense(self, round_number: int) -> list[Part]:
+    def sense(self, round_number: int) -> list[wire.Part]:
         """Begin a round: return the messages on where the module is and its rule's last note."""
         self.round = round_number
         self._phase = "sense"
         self._clear()
-        found: list[Part] = [Presence(round_number, self.module, self.site)]
-        note = self._last_note.said_in(round_number)
+        found: list[wire.Part] = [wire.Presence(round_number, self.module, self.site)]
+        note = self._last_note.sent_in(round_number)
         if note is not None:
-            found.append(Note(round_number, self.module, self.site, list(note)))
+            found.append(wire.Note(round_number, self.module, self.site, list(note)))
         return found
 
-    def hear(self, message: Message) -> list[Part]:
+    def hear(self, message: wire.Message) -> list[wire.Part]:
         """Process a message; return the verdict on the module's claim if the message decides it."""
-        if not isinstance(message, Presence | Note | Claim | Verdict):
-            raise ProtocolError(f"module_{self.module}: {kind_of(message)} is not for a module")
-        kind = kind_of(message)
+        if not isinstance(message, _HEARD):
+            raise ProtocolError(
+                f"module_{self.module}: {wire.kind_of(message)} is not for a module"
+            )
+        kind = wire.kind_of(message)
         if message.round != self.round or self._phase not in _COUNTS_IN[kind]:
             when = "early" if message.round > self.round else "late"
             raise ProtocolError(
@@ -160,19 +145,19 @@ class ModuleCore:
             )
         self._heard.setdefault(kind, []).append(message.module)
         match message:
-            case Presence():
+            case wire.Presence():
                 self._occupants[self._system.place_of(message.site)] = message.site
-            case Note():
+            case wire.Note():
                 self._notes[self._system.place_of(message.site)] = tuple(message.note)
-            case Claim():
+            case wire.Claim():
                 self._claims[message.module] = self._move(message)
-            case Verdict():
+            case wire.Verdict():
                 self._verdicts[message.module] = message.granted
                 if self._phase == "settle":
                     return self._decide()
         return []
 
-    def _move(self, claim: Claim) -> Move:
+    def _move(self, claim: wire.Claim) -> Move:
         move = self._system.move_named(claim.site, claim.generator, claim.at)
         if move is None:
             raise ProtocolError(
@@ -199,7 +184,7 @@ class ModuleCore:
         """Return whether an action is in the mask of the last observation."""
         return is_legal(self._mask, action)
 
-    def claim(self, action: int, note: NoteNumbers | None, failed: str | None = None) -> list[Part]:
+    def claim(self, action: int, note: Note | None, failed: str | None = None) -> list[wire.Part]:
         """Claim the move of an action in the mask; action 0 claims nothing."""
         self._last_note = self._last_note.replaced_by(note)
         self._failed = failed
@@ -208,9 +193,9 @@ class ModuleCore:
         move = self._claim = chosen_move(self._system, self.site, self._mask, action)
         if move is None:
             return []
-        return [Claim(self.round, self.module, self.site, move.generator, move.at)]
+        return [wire.Claim(self.round, self.module, self.site, move.generator, move.at)]
 
-    def arbitrate(self) -> list[Part]:
+    def arbitrate(self) -> list[wire.Part]:
         """Begin to settle, when all claims have arrived: decide if no verdict is missing."""
         self._phase = "settle"
         self._takes_me = arbitration.taking_along(self.site, self._claims)
@@ -227,13 +212,15 @@ class ModuleCore:
             self._wait_for_me = list(in_order({self._system.place_of(site) for site in waiting}))
         return self._decide()
 
-    def _decide(self) -> list[Part]:
+    def _decide(self) -> list[wire.Part]:
         if self._claim is None or self._granted is not None:
             return []
         self._granted = arbitration.verdict(self._contest.before, self._verdicts)
         if self._granted is None or not self._wait_for_me:
             return []
-        return [Verdict(self.round, self.module, self.site, self._granted, list(self._wait_for_me))]
+        return [
+            wire.Verdict(self.round, self.module, self.site, self._granted, list(self._wait_for_me))
+        ]
 
     @property
     def finished(self) -> bool:
@@ -244,14 +231,14 @@ class ModuleCore:
             and self._contest.before | self._takes_me <= self._verdicts.keys()
         )
 
-    def report(self) -> Report:
+    def report(self) -> wire.Report:
         """Execute the granted move, own or one that takes the module along; return the report."""
         before = self.site
         own = self._claim if self._granted else None
         taken = [self._claims[other] for other in self._takes_me if self._verdicts[other]]
         self.site = arbitration.site_after(before, taken if own is None else [own, *taken])
         self._phase = "report"
-        return Report(
+        return wire.Report(
             round=self.round,
             module=self.module,
             before=before,

@@ -27,7 +27,7 @@ Mask: TypeAlias = Sequence[int] | NDArray[np.int8]
 
 STAY = 0
 """The action that is always legal; action ``i`` is the move in slot ``i - 1``."""
-SILENT = np.iinfo(np.int32).min
+SILENT, _MOST = -(1 << 31), (1 << 31) - 1
 """Fills the note of a place within reach from which nothing was heard."""
 
 
@@ -54,7 +54,7 @@ def checked_note(note: Iterable[int], note_length: int) -> Note:
     numbers = tuple(int(number) for number in note)
     if len(numbers) != note_length:
         raise InputError(f"a note of {len(numbers)} numbers, expected {note_length}")
-    wrong = [number for number in numbers if not SILENT < number <= np.iinfo(np.int32).max]
+    wrong = [number for number in numbers if not SILENT < number <= _MOST]
     if wrong:
         raise InputError(f"a note with {wrong[0]}, expected more than {SILENT} and an int32")
     return numbers

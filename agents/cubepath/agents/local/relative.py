@@ -359,7 +359,7 @@ class RelativeRows:
         found = [relative_observer(system, each) for each in goals]
         self._observers = list({id(each): each for each in found}.values())
         place = {id(each): number for number, each in enumerate(self._observers)}
-        self._who = [place[id(each)] for each in found]
+        self._observer_of = [place[id(each)] for each in found]
         self._size = system.site_size
         self._forget()
 
@@ -383,10 +383,10 @@ class RelativeRows:
         keys = own.view(f"V{own.itemsize * (size + 1)}")[:, :, 0].tolist()
         rows: list[int] = []
         for environment, each in enumerate(keys):
-            for module, (who, key) in enumerate(zip(self._who, each, strict=True)):
-                row = self._known[who].get(key)
+            for module, (observer, key) in enumerate(zip(self._observer_of, each, strict=True)):
+                row = self._known[observer].get(key)
                 if row is None:
-                    row = self._learn(who, key, numbers[environment, module])
+                    row = self._learn(observer, key, numbers[environment, module])
                 rows.append(row)
         heads = self._heads.take(rows, axis=0)
         found[:, :, : sensed.start] = heads.reshape(*numbers.shape[:2], -1)
@@ -395,11 +395,11 @@ class RelativeRows:
         found[:, :, sensed] = shown.reshape(*looks.shape[:2], -1)
         return found
 
-    def _learn(self, who: int, key: bytes, numbers: NDArray[np.int32]) -> int:
+    def _learn(self, observer: int, key: bytes, numbers: NDArray[np.int32]) -> int:
         """Return the row of a site that is new to modules with these goals."""
-        row = self._known[who][key] = self._count
+        row = self._known[observer][key] = self._count
         self._count += 1
         if row == len(self._heads):
             self._heads = np.concatenate([self._heads, np.zeros_like(self._heads)])
-        self._heads[row] = self._observers[who].of(numbers)[: self._heads.shape[1]]
+        self._heads[row] = self._observers[observer].of(numbers)[: self._heads.shape[1]]
         return row

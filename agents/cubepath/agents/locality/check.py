@@ -55,6 +55,9 @@ SCENES: Mapping[str, tuple[str, ...]] = {
     "words": ("words", "words:word=abcabcabcabc,relations=ab~ba+bc~cb+ac~ca"),
     "assembly": ("assembly:n=2", "assembly:n=4"),
     "compression": ("compression:n=4", "compression:n=8"),
+    "sliding-cubes": ("sliding-cubes:n=3", "sliding-cubes:n=8"),
+    "pivoting-cubes": ("pivoting-cubes:n=3", "pivoting-cubes:n=8"),
+    "rolling-dodecahedra": ("rolling-dodecahedra:n=3", "rolling-dodecahedra:n=8"),
 }
 """By family; of another one it is the default scene."""
 
@@ -119,16 +122,6 @@ class Finding:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """The first choice that was another one: where, and both choices in words."""
-
-    module: int
-    round: int
-    was: str
-    now: str
-
-
 @dataclass(slots=True)
 class Evidence:
     """What was found in all scenes, in the order in which it was."""
@@ -151,7 +144,8 @@ class Evidence:
                 shown = names if self.changed else ""
                 yield Finding(kind, f"{depends}{shown}: {self.depends[kind]}")
         for kind, uses in USES.items():
-            used = sorted(f"{each.what} in {each.where}" for each in self.accesses_of(kind))
+            accesses = (each for each in self.accesses if each.kind == kind)
+            used = sorted(f"{each.what} in {each.where}" for each in accesses)
             if used:
                 came = self.depends.get(kind)
                 if came is None and (kind in DEPENDS or not self.depends):
@@ -161,13 +155,18 @@ class Evidence:
             elif kind in self.depends:
                 yield Finding(kind, f"{DEPENDS[kind]}: {self.depends[kind]}")
 
-    def accesses_of(self, kind: Kind) -> list[OutsideAccess]:
-        """Return the accesses of a kind."""
-        return [each for each in self.accesses if each.kind == kind]
 
+def difference(
+    run: Mapping[int, ModuleLife],
+    other: Mapping[int, ModuleLife],
+    *,
+    spec: str,
+    how: str,
+    clock: str,
+) -> str | None:
+    """Return in words the first choice that differs, by round and module; None if none does.
 
-def difference(run: Mapping[int, ModuleLife], other: Mapping[int, ModuleLife]) -> Difference | None:
-    """Return the first choice that differs, by round and module; None if there is none.
+    `how` says what was different about the play.
 
     A play may have fewer modules than the run; its rounds count as far as both go, and up to the
     first difference both have seen the same.
@@ -177,15 +176,11 @@ def difference(run: Mapping[int, ModuleLife], other: Mapping[int, ModuleLife]) -
         for module in sorted(run.keys() & other.keys()):
             was, now = run[module].choices, other[module].choices
             if index < len(was) and index < len(now) and was[index] != now[index]:
-                number = index + 1 if run[module].observations else 0
-                return Difference(module, number, *was[index].beside(now[index]))
+                then, again = was[index].beside(now[index])
+                when = f"in {PERIOD[clock]} {index + 1}"
+                when = when if run[module].observations else "when it was made"
+                return f"module_{module} of {spec} has {then} {when}, {how} {again}"
     return None
-
-
-def told(spec: str, found: Difference, how: str, clock: str) -> str:
-    """Return a difference in words; `how` says what was different about the play."""
-    when = f"in {PERIOD[clock]} {found.round}" if found.round else "when it was made"
-    return f"module_{found.module} of {spec} has {found.was} {when}, {how} {found.now}"
 
 
 _HASH_SEEDS = 4
@@ -444,8 +439,9 @@ class Checker:
         if not self._gathered(spec, variant.how, other):
             return None
         self._choices += sum(len(life.choices) for life in other.lives.values())
-        found = difference(run.lives, other.lives)
-        return None if found is None else (variant, told(spec, found, variant.how, self._clock))
+        how, clock = variant.how, self._clock
+        text = difference(run.lives, other.lives, spec=spec, how=how, clock=clock)
+        return None if text is None else (variant, text)
 
     def _look_for_errors(self, spec: str, run: PlayResult) -> None:
         for module, life in run.lives.items():

@@ -6,14 +6,12 @@ pair of sockets; the forked process receives its task there and answers there.
 """
 
 import os
-import pickle
-import select
 import signal
 import socket
 import subprocess
 import sys
-import time
 from contextlib import suppress
+from multiprocessing.connection import Connection, Pipe
 from typing import Self
 
 from cubepath.agents.locality.playing import played
@@ -22,7 +20,6 @@ from cubepath.protocol.core.errors import InputError
 
 PATIENCE_S = 60.0
 """A play that takes longer has no answer."""
-_HEADER = 8
 
 
 class ForkServer:
@@ -56,55 +53,32 @@ class ForkServer:
 
     def play(self, task: PlayTask, patience_s: float = PATIENCE_S) -> PlayResult:
         """Return the result of a task in a separate process; threads may call it."""
-        ours, theirs = socket.socketpair()
+        ours, theirs = Pipe()
         with ours:
             with theirs:
                 socket.send_fds(self._ours, [b"1"], [theirs.fileno()])
             try:
-                ours.sendall(_framed(pickle.dumps(task)))
-                data = _received(ours, time.monotonic() + patience_s)
-            except TimeoutError:
-                return PlayResult(broken=f"gave no answer for {patience_s:.0f} s", late=True)
+                ours.send(task)
+                if not ours.poll(patience_s):
+                    return PlayResult(broken=f"gave no answer for {patience_s:.0f} s", late=True)
+                found = ours.recv()
             except (EOFError, OSError):
                 return PlayResult(broken="ended its process")
-        found = pickle.loads(data)  # noqa: S301 - from our own process
         if not isinstance(found, PlayResult):
             raise TypeError(f"expected an answer, found {found!r}")
         return found
 
 
-def _framed(data: bytes) -> bytes:
-    return len(data).to_bytes(_HEADER) + data
-
-
-def _received(pipe: socket.socket, until: float | None = None) -> bytes:
-    """Return what was sent; EOFError if it is cut off, TimeoutError if it is late."""
-    length = int.from_bytes(_exactly(pipe, _HEADER, until))
-    return _exactly(pipe, length, until)
-
-
-def _exactly(pipe: socket.socket, count: int, until: float | None) -> bytes:
-    found = bytearray()
-    while len(found) < count:
-        if until is not None and not select.select([pipe], [], [], until - time.monotonic())[0]:
-            raise TimeoutError
-        part = pipe.recv(min(count - len(found), 1 << 20))
-        if not part:
-            raise EOFError
-        found += part
-    return bytes(found)
-
-
-def _child(pipe: socket.socket) -> None:
+def _child(pipe: Connection) -> None:
     """Play the one task of this process."""
-    task: PlayTask = pickle.loads(_received(pipe))  # noqa: S301 - from our own process
+    task: PlayTask = pipe.recv()
     try:
         answer = played(task)
     except InputError as error:
         answer = PlayResult(unfit=str(error))
     except Exception as error:  # noqa: BLE001 - a rule may have changed anything
         answer = PlayResult(broken=f"{type(error).__name__}: {error}")
-    pipe.sendall(_framed(pickle.dumps(answer)))
+    pipe.send(answer)
 
 
 def main() -> None:
@@ -112,10 +86,10 @@ def main() -> None:
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system forgets children that have ended
     with socket.socket(fileno=int(sys.argv[1])) as client:
         while True:
-            _, sockets, _, _ = socket.recv_fds(client, 1, 1)
-            if not sockets:
+            _, handles, _, _ = socket.recv_fds(client, 1, 1)
+            if not handles:
                 return
-            with socket.socket(fileno=sockets[0]) as pipe:
+            with Connection(handles[0]) as pipe:
                 if os.fork() == 0:
                     client.close()
                     signal.signal(signal.SIGCHLD, signal.SIG_DFL)

@@ -13,10 +13,10 @@ from typing import Any
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import Note, Observation
-from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, stream
+from cubepath.agents.local.random_streams import HESITATE, RULE, stream
 from cubepath.agents.locality import plays
 from cubepath.agents.locality.traps import Traps, place
-from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.actor import Actor, knowledge_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleName, RuleType
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.system import Scene
@@ -119,14 +119,9 @@ def _ask(actor: Actor | None, seen: Observation) -> plays.RuleChoice:
         choice = actor.act({key: array.copy() for key, array in seen.items()})
     except RuleError as error:
         return plays.RuleChoice(error=_type_of(error))
-    return plays.RuleChoice(
-        choice.action,
-        choice.note,
-        choice.failed,
-        guards=choice.guards or None,
-        heeds=choice.heeds or None,
-        exchanges=tuple(choice.exchanges.items()) or None,
-    )
+    # A rule may have returned a subclass, or another mapping, that cannot be pickled.
+    plain = Choice(choice.action, choice.note, choice.failed, choice.guards, choice.heeds)
+    return plays.RuleChoice(replace(plain, exchanges=dict(choice.exchanges)))
 
 
 def _type_of(error: RuleError) -> str:
@@ -137,8 +132,9 @@ def _type_of(error: RuleError) -> str:
 
 
 def _made(
-    rule: RuleType, knowledge: InitialKnowledge, life: plays.ModuleLife, traps: Traps, clock: str
+    rule: RuleType, scene: Scene, life: plays.ModuleLife, traps: Traps, clock: str
 ) -> Actor | None:
+    knowledge = knowledge_of(scene, life.module, scene.start[life.module], life.seed)
     with traps.asking(life.module, 0):
         try:
             return Actor(rule, knowledge, clock=clock)
@@ -155,9 +151,8 @@ def _all_made(
     lives: dict[int, plays.ModuleLife] = {}
     actors: dict[int, Actor | None] = {}
     for module in reversed(numbers) if play.backwards else numbers:
-        knowledge = _knowledge(play.scene, module, play.seed)
-        life = lives[module] = _life(knowledge)
-        actors[module] = _made(rule, knowledge, life, traps, clock)
+        lives[module] = plays.ModuleLife(module, play.seed)
+        actors[module] = _made(rule, play.scene, lives[module], traps, clock)
     return lives, actors
 
 
@@ -182,10 +177,11 @@ def _together(
             lives[module].observations.append(seen[module])
             lives[module].choices.append(chosen)
             lives[module].before.append(world.round)
-            ended = ended or chosen.error is not None or chosen.failed is not None
-            actions[module] = 0 if doubts[module].fraction() < play.hesitate else chosen.action
-            if chosen.note is not None:
-                notes[module] = chosen.note
+            ended = ended or chosen.ends
+            choice = chosen.choice
+            actions[module] = 0 if doubts[module].fraction() < play.hesitate else choice.action
+            if choice.note is not None:
+                notes[module] = choice.note
         world.step(actions, notes)
         sites.append(tuple(world.sites))
     return {module: lives[module] for module in numbers}, sites
@@ -212,73 +208,32 @@ def _in_turns(
         life.choices.append(chosen)
         life.before.append(len(sites) - 1)
         hesitates = doubts[module].fraction() < play.hesitate
-        env.act(Choice() if hesitates else _choice(chosen))
+        env.act(Choice() if hesitates else chosen.choice)
         sites.append(tuple(env.sites))
-        ended = chosen.error is not None or chosen.failed is not None
-        ended = ended or env.terminations[name] or env.truncations[name]
+        ended = chosen.ends or env.terminations[name] or env.truncations[name]
     return {module: lives[module] for module in sorted(lives)}, sites
-
-
-def _choice(chosen: plays.RuleChoice) -> Choice:
-    return Choice(
-        chosen.action,
-        chosen.note,
-        guards=chosen.guards or (),
-        heeds=chosen.heeds or (),
-        exchanges=dict(chosen.exchanges or ()),
-    )
-
-
-def _knowledge(scene: Scene, module: int, seed: int) -> InitialKnowledge:
-    return InitialKnowledge(
-        system=scene.system,
-        module=module,
-        modules=len(scene.start),
-        start=scene.start[module],
-        goals=scene.goals[module] if scene.goals else (),
-        stream=stream(seed, module, RULE),
-    )
-
-
-def _life(knowledge: InitialKnowledge) -> plays.ModuleLife:
-    return plays.ModuleLife(
-        module=knowledge.module,
-        modules=knowledge.modules,
-        start=knowledge.start,
-        goals=knowledge.goals,
-        key=knowledge.stream.key,
-        shared=knowledge.stream.shared,
-    )
 
 
 def _replayed(
     play: plays.ModuleReplay, rule: RuleType, traps: Traps, clock: str
 ) -> dict[int, plays.ModuleLife]:
-    recorded = play.life
-    knowledge = InitialKnowledge(
-        system=play.scene.system,
-        module=recorded.module,
-        modules=recorded.modules,
-        start=recorded.start,
-        goals=recorded.goals,
-        stream=RandomStream(recorded.key, recorded.shared),
-    )
+    recorded, module = play.life, play.life.module
     life = replace(recorded, choices=[])
     others = _Others(play.scene, play.surroundings, life, rule, traps, clock=clock)
     actor: Actor | None = None
     for _ in others.making():
-        actor = _made(rule, knowledge, life, traps, clock)
+        actor = _made(rule, play.scene, life, traps, clock)
     if not life.choices:
         for round_number, seen in enumerate(recorded.observations, 1):
             # As in a run, the world is where a rule that looks through its callers would find it.
             for world, index in others.asking(round_number):
                 if world is not None:
-                    _check_the_same(life.module, seen, world.observe(index))
-                with traps.asking(life.module, round_number):
+                    _check_the_same(module, seen, world.observe(index))
+                with traps.asking(module, round_number):
                     life.choices.append(_ask(actor, seen))
             if life.choices[-1].error is not None:
                 break
-    return {life.module: life}
+    return {module: life}
 
 
 def _check_the_same(module: int, seen: Observation, here: Observation) -> None:
@@ -301,7 +256,7 @@ class _Others:
         *,
         clock: str,
     ) -> None:
-        self._scene, self._around, self._life = scene, around, life
+        self._scene, self._around, self._own = scene, around, life.module
         self._rule, self._traps, self._clock = rule, traps, clock
         self._actors: dict[int, Actor] = {}
 
@@ -312,13 +267,13 @@ class _Others:
             return
         start = self._around.settings[0]
         for number in sorted(start):
-            if number == self._life.module:
+            if number == self._own:
                 yield None
                 continue
             knowledge = InitialKnowledge(
                 system=self._scene.system,
                 module=number,
-                modules=self._life.modules,
+                modules=len(self._scene.start),
                 start=start[number],
                 goals=self._around.goals[number],
                 stream=stream(self._around.seed, number, RULE),
@@ -339,10 +294,10 @@ class _Others:
             return
         setting = self._around.settings[round_number]
         scene = plays.surrounding_scene(self._scene, setting, self._around.goals)
-        note_length = self._rule.length(self._life.modules, self._clock)
+        note_length = self._rule.length(len(self._scene.start), self._clock)
         world = World(scene, seed=self._around.seed, note_length=note_length)
         for index, number in enumerate(sorted(setting)):
-            if number == self._life.module:
+            if number == self._own:
                 yield world, index
             elif number in self._actors:
                 with self._traps.asking(number, round_number):

@@ -6,11 +6,12 @@ All of it is plain data, which is pickled between processes.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set as AbstractSet
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from random import Random
 from typing import TypeAlias
 
-from cubepath.agents.local.observation import Note, Observation
+from cubepath.agents.local.observation import Observation
+from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
@@ -35,49 +36,40 @@ class Conditions:
 class RuleChoice:
     """What a rule chose in a round or turn, or the type of the error that ended it."""
 
-    action: int = 0
-    note: Note | None = None
-    failed: str | None = None
+    choice: Choice = field(default_factory=Choice)
     error: str | None = None
-    guards: tuple[Site, ...] | None = None
-    heeds: tuple[Site, ...] | None = None
-    exchanges: tuple[tuple[Site, Note], ...] | None = None
+
+    @property
+    def ends(self) -> bool:
+        """Return whether the run ends with it."""
+        return self.error is not None or self.choice.failed is not None
 
     def beside(self, other: RuleChoice) -> tuple[str, str]:
         """Return in words what differs between this choice and another."""
-        for mine, yours, word in (
-            (self.error, other.error, "error"),
-            (self.action, other.action, "action"),
-            (self.note, other.note, "note"),
-            (self.failed, other.failed, "failed"),
-            (self.guards, other.guards, "guards"),
-            (self.heeds, other.heeds, "heeds"),
-            (self.exchanges, other.exchanges, "exchanges"),
-        ):
-            if mine != yours:
-                return _said(word, mine), _said(word, yours)
-        return ("the same", "the same")
+        mine, yours = self._parts(), other._parts()
+        word = next(word for word in mine if mine[word] != yours[word])
+        return _with_word(word, mine[word]), _with_word(word, yours[word])
+
+    def _parts(self) -> dict[str, object]:
+        own = {each.name: getattr(self.choice, each.name) for each in fields(self.choice)}
+        return {"error": self.error, **own}
 
 
-def _said(word: str, what: object) -> str:
-    return f"no {word}" if what is None else f"{word} {what}"
+def _with_word(word: str, what: object) -> str:
+    return f"no {word}" if what in (None, (), {}) else f"{word} {what}"
 
 
 @dataclass(frozen=True, slots=True)
 class ModuleLife:
-    """All that a module knew and saw in a run, and what it chose; a list has an entry a round.
+    """All that a module saw in a run, and what it chose; a list has an entry a round.
 
     Under the free clock it has one for each turn of the module. `before` says for each how many
-    rounds, or turns of any module, came before it. `key` and `shared` are those of its stream. A
-    rule that could not be made has one choice, the error, and saw nothing.
+    rounds, or turns of any module, came before it. `seed` is that of the run. A rule that could not
+    be made has one choice, the error, and saw nothing.
     """
 
     module: int
-    modules: int
-    start: Site
-    goals: tuple[Site, ...]
-    key: int
-    shared: int
+    seed: int
     observations: list[Observation] = field(default_factory=list)
     choices: list[RuleChoice] = field(default_factory=list)
     before: list[int] = field(default_factory=list)
@@ -177,7 +169,7 @@ _WALK = 6
 """A module is put where this many moves could have taken it, whatever is in the way."""
 _TRIES = 4
 _VAIN_MAX = 50
-"""Where modules cannot stand by themselves, as diagonals of a triangulation, so many are tried."""
+"""How many are tried where modules cannot stand by themselves, as diagonals of a triangulation."""
 _ADDED = 2
 _SEEDS = 1 << 32
 
@@ -212,11 +204,11 @@ class ChangedWorlds:
     ) -> None:
         """Change nothing yet; `count` says how many sites were changed, over all rounds."""
         self.count = 0
-        self._scene, self._life, self._random = scene, life, random
+        self._scene, self._own, self._random = scene, life.module, random
         self._vain = 0
         self._place_of = scene.system.place_of
         self._rows = [sites[0], *(sites[number] for number in life.before)]
-        self._others = [n for n in range(len(scene.start)) if n != life.module]
+        self._others = [n for n in range(len(scene.start)) if n != self._own]
         self._goals: dict[int, tuple[Site, ...]] = {}
 
     def elsewhere(self) -> Surroundings:
@@ -245,11 +237,10 @@ class ChangedWorlds:
     def _shuffled(self) -> dict[int, int]:
         """Return another number for each of the others."""
         numbers = self._random.sample(self._others, len(self._others))
-        own = self._life.module
-        return {own: own} | dict(zip(self._others, numbers, strict=True))
+        return {self._own: self._own} | dict(zip(self._others, numbers, strict=True))
 
     def _near(self, setting: Setting) -> frozenset[Site]:
-        return within_reach(self._scene.system, self._place_of(setting[self._life.module]))
+        return within_reach(self._scene.system, self._place_of(setting[self._own]))
 
     def _moved(self, setting: Setting) -> Setting:
         near = self._near(setting)

@@ -67,9 +67,9 @@ class ChildProcesses:
         )
         if child.stdin is None:  # it was requested above
             raise AssertionError("no pipe to the process")
-        with contextlib.suppress(BrokenPipeError):  # it died at once: noticed when waiting
-            child.stdin.write(msgspec.json.encode(config) + b"\n")
-            child.stdin.flush()
+        # A pipe holds less than a large scene: other processes start while this one reads.
+        given = child.stdin, msgspec.json.encode(config) + b"\n"
+        threading.Thread(target=_write, args=given, daemon=True).start()
 
     def serve_here(self, name: str, module: str, config: msgspec.Struct) -> None:
         """Do the work of a process in a thread: the function `host` of its module."""
@@ -143,6 +143,12 @@ class ChildProcesses:
         complaints = self._complaints.pop(name, None)
         if complaints is not None:
             complaints.close()
+
+
+def _write(pipe: IO[bytes], line: bytes) -> None:
+    with contextlib.suppress(OSError, ValueError):  # it died at once: noticed when waiting
+        pipe.write(line)
+        pipe.flush()
 
 
 def _code(child: subprocess.Popen[bytes]) -> int | None:

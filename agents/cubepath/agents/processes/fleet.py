@@ -6,11 +6,12 @@ sink, it receives every message as it was on the wire.
 """
 
 import contextlib
+import math
 import time
 import uuid
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from typing import Self, TypeAlias
+from typing import Self, TypeAlias, TypedDict, Unpack
 
 from msgspec.structs import replace
 
@@ -18,7 +19,8 @@ from cubepath.agents.processes.child_processes import ChildProcesses
 from cubepath.agents.processes.config import OUTSIDE, ProcessConfig
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
-from cubepath.agents.processes.network import NetworkConfig, Way, straight
+from cubepath.agents.processes.membership import Membership, offer
+from cubepath.agents.processes.network import PRIVATE, NetworkConfig, Way, straight
 from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
 from cubepath.agents.processes.remote_processes import RemoteProcesses
 from cubepath.agents.rules.registry import rule_named
@@ -28,7 +30,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.durations import OwnMoves
 from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, number_in, process_name
 from cubepath.protocol.wire.keys import key_of, topic_key
 from cubepath.protocol.wire.messages import ChosenAction, Go, Message, encode
 from cubepath.protocol.wire.nodes import Effect, Keep, Put
@@ -38,7 +40,7 @@ from cubepath.protocol.wire.shell import Shell
 Sink: TypeAlias = Callable[[Keep[Message], int], None]
 """Receives each message with its bytes on the wire, and the wall time in nanoseconds."""
 
-_PRIVATE = NetworkConfig()
+LEFT = "it has left the network"
 _MODULE = "cubepath.agents.processes.host"
 _POLL_S = 0.05
 _LOOK_S = 0.5
@@ -49,28 +51,69 @@ _REST_S = 0.02
 _RESTARTS_MAX = 10
 
 
+class FleetOptions(TypedDict, total=False):
+    """What fleets of both clocks take by name."""
+
+    seed: int
+    hesitate: float
+    processes: int
+    """How many local processes have the modules that no remote one has."""
+    patience_s: float
+    """Each remote process joins within this time of the last."""
+    network: NetworkConfig
+    check: Callable[[], None] | None
+    """Called while waiting; it may raise to end the run between two messages."""
+    say: Callable[[str], None] | None
+    """Gets a line with the address where others can join, and with whom the run waits for."""
+    way: Way
+    """How local processes find the router."""
+    opened: Callable[[], None] | None
+    """Called when the router is there, before anyone joins."""
+
+
 class ProcessFleet(ABC):
     """The processes of one run, as a context manager that leaves nothing running.
 
     On exit it releases every process, session and port, whatever happened.
     """
 
-    def __init__(self, scene: Scene, rule: str, *, seed: int, hesitate: float, way: Way) -> None:
-        """Start nothing yet; own processes take the `way` to the router."""
+    def __init__(
+        self, scene: Scene, rule: str, *, keepers: int = 0, **options: Unpack[FleetOptions]
+    ) -> None:
+        """Start nothing yet; InputError if the network of the options is none for this scene."""
+        processes, network = options.get("processes", 2), options.get("network", PRIVATE)
         self.scene = scene
         self.run = uuid.uuid4().hex[:12]
         """The name of the run in keys."""
         self.endpoint = ""
         """Where the router listens; other sessions can join there."""
-        self.modules_of: list[list[int]] = []
-        """The modules of each process."""
+        self.processes = min(processes, len(scene.start))
+        self.keepers = keepers
+        network.check(len(scene.start), self.processes, keepers)
         self._rule = rule
-        self._seed = seed
-        self._hesitate = hesitate
-        self._way = way
+        self._seed = options.get("seed", 0)
+        self._hesitate = options.get("hesitate", 0.0)
+        self._patience_s = options.get("patience_s", PATIENCE_S)
+        self._network = network
+        self._check = options.get("check")
+        self._say = options.get("say")
+        self._way = options.get("way", straight)
+        self._opened = options.get("opened")
         self._router: Router | None = None
+        self._joiners: RemoteProcesses | None = None
         self._children = ChildProcesses()
         self._resources = contextlib.ExitStack()
+        self._joined = 0
+        """How many processes of modules have joined; they have the first numbers."""
+        self.modules_of: list[list[int]] = []
+        """The modules of each process; remote ones come first."""
+
+    def _deal(self, joined: list[list[int]]) -> None:
+        """Deal the modules that no remote process has to local ones."""
+        taken = {module for modules in joined for module in modules}
+        left = [module for module in range(len(self.scene.start)) if module not in taken]
+        self._joined = len(joined)
+        self.modules_of = [*joined, *dealt(self.scene, max(1, self.processes), left)]
 
     def __enter__(self) -> Self:
         """Start everything."""
@@ -85,13 +128,24 @@ class ProcessFleet(ABC):
         """End the processes, kill those that do not end, and close all sessions."""
         self._end()
 
-    @abstractmethod
     def _start(self) -> None:
-        """Start the router and the processes."""
+        """Open or find the router, wait for those who join, and start the processes."""
+        self._open_network()
+        if self._opened is not None:
+            self._opened()
+        if self._network != PRIVATE:
+            self._deal(self._wait_for_joiners())
+        self._start_processes()
+
+    @abstractmethod
+    def _start_processes(self) -> None:
+        """Start the local processes, and send the others their orders."""
 
     def _end(self) -> None:
         try:
             self._children.end(self._end_s)
+            if self._joiners is not None:
+                self._joiners.wait(self._end_s)
         finally:
             self._resources.close()
             self._router = None
@@ -101,16 +155,65 @@ class ProcessFleet(ABC):
     def _end_s(self) -> float:
         """Return how long processes may take to end before they are killed."""
 
-    def _open_router(self, router: Router) -> None:
-        self._router = router
-        self._resources.callback(router.close)
-        self.endpoint = router.endpoint
+    def _open_network(self) -> None:
+        network = self._network
+        if network.elsewhere is not None:
+            self.endpoint = network.elsewhere
+        else:
+            own = max(1, self.processes)
+            router = Router(
+                network.listen,
+                processes=own,
+                keepers=self.keepers,
+                secure=network.secure,
+                links=network.links,
+            )
+            self._router = router
+            self._resources.callback(router.close)
+            self.endpoint = router.endpoint
+        if self._say is None:
+            return
+        where = self.endpoint if self._router is None else self._router.listening
+        if network.is_open:
+            self._say(without_tls(where))
+        if network.listen is not None and not (network.wait_for or self.keepers):
+            self._say(
+                "others can listen, but not join: expected --wait-for N to wait for N processes"
+            )
+        self._say(f"endpoint {where}, run {self.run}")
+
+    def _wait_for_joiners(self) -> list[list[int]]:
+        """Show that the run is there, and wait for remote processes; return the modules of each."""
+        expected = Membership(len(self.scene.start), self._network.wait_for, self.keepers)
+        joiners = self._joiners = RemoteProcesses(
+            self.endpoint, self.run, expected, self.credentials()
+        )
+        self._resources.callback(joiners.close)
+
+        def check() -> None:
+            if self._check is not None:
+                self._check()
+            self._look_after_the_router()
+
+        return joiners.gather(check, self._say or (lambda _: None), self._patience_s)
+
+    def _look_after_the_router(self) -> bool:
+        """Start it again if it died, unless it does so time and again; return whether it died."""
+        router = self._router
+        if router is None or not router.look_after():
+            return False
+        if router.restarts > _RESTARTS_MAX:
+            raise ProcessDied(f"the router died {router.restarts} times")
+        return True
 
     def credentials(self, name: str = COORDINATOR) -> Credentials:
         """Return the credentials with which the process of this name authenticates."""
-        if self._router is None:
+        if self._router is not None:
+            return self._router.credentials(name)
+        if self._network.elsewhere is None:
             raise _ended()
-        return self._router.credentials(name)
+        folder = self._network.secure
+        return Credentials(name, "", "" if folder is None else str(folder))
 
     def _access(self, name: str) -> tuple[str, Credentials]:
         """Return where the process of this name finds the router, and its credentials."""
@@ -141,20 +244,12 @@ class LockstepFleet(ProcessFleet):
         scene: Scene,
         rule: str,
         *,
-        seed: int = 0,
-        hesitate: float = 0.0,
-        processes: int = 2,
         note_length: int = 0,
         schedule: Mapping[int, OwnMoves] | None = None,
         recorded: RecordedChoices | None = None,
-        patience_s: float = PATIENCE_S,
-        network: NetworkConfig = _PRIVATE,
         sink: Sink | None = None,
-        check: Callable[[], None] | None = None,
         plausible: Check | None = None,
-        say: Callable[[str], None] | None = None,
-        way: Way = straight,
-        opened: Callable[[], None] | None = None,
+        **options: Unpack[FleetOptions],
     ) -> None:
         """Plan the fleet; `processes` 0 keeps the modules in a thread here, still on a session.
 
@@ -162,42 +257,28 @@ class LockstepFleet(ProcessFleet):
         after `end_schedule`. With what was `recorded`, modules that it has choices of choose them
         again, and follow the rule after `end_schedule`, the others from the first round on.
 
-        A phase in which nothing arrives for `patience_s` ends the run. What modules the processes
-        from elsewhere leave is dealt to this many own `processes`.
+        A phase in which nothing arrives for `patience_s` ends the run.
 
-        With `sink` None the fleet listens only to the answers of processes. `check` is called while
-        waiting and may raise to end the run between two messages. `plausible` may refuse what
-        modules say or report. `say` gets a line with the address where others can join, and with
-        whom the run waits for. Own processes take the `way` to the router. `opened` is called when
-        the router is there, before anyone joins.
+        With `sink` None the fleet listens only to the answers of processes. `plausible` may refuse
+        what modules say or report.
         """
-        if processes < 0:
-            raise InputError(f"processes={processes}: expected 0 or more")
-        super().__init__(scene, rule, seed=seed, hesitate=hesitate, way=way)
-        self.processes = min(processes, len(scene.start))
-        network.check(len(scene.start), self.processes)
+        if options.get("processes", 0) < 0:
+            raise InputError(f"processes={options.get('processes')}: expected 0 or more")
+        super().__init__(scene, rule, **options)
         self._note_length = note_length
         self._schedule = schedule
         self._recorded = recorded
-        self._patience_s = patience_s
-        self._network = network
         self._sink = sink
-        self._check = check
         self._plausible = plausible
-        self._say = say
-        self._opened = opened
-        self._joined = False
+        self._begun = False
         self._looked = time.monotonic()
-        self._deal([])
-        self._joiners: RemoteProcesses | None = None
+        self._paced = math.inf
+        """When all processes were last known to be there."""
         self._shell: Shell | None = None
+        self._deal([])
 
     def _deal(self, joined: list[list[int]]) -> None:
-        """Deal the modules that nobody from elsewhere has to own processes."""
-        taken = {module for modules in joined for module in modules}
-        left = [module for module in range(len(self.scene.start)) if module not in taken]
-        self.modules_of = [*joined, *dealt(self.scene, max(1, self.processes), left)]
-        """The modules of each process; first come the processes from elsewhere."""
+        super()._deal(joined)
         self._judge = Judge(self.run, self.modules_of, self.scene.system)
         self._judge.note_length = self._first_note_length()
         self._pacer = Pacer(
@@ -209,13 +290,7 @@ class LockstepFleet(ProcessFleet):
             hears_all=self._sink is not None,
         )
 
-    def _start(self) -> None:
-        self._open_network()
-        if self._opened is not None:
-            self._opened()
-        joined = self._network.wait_for
-        if self._network != _PRIVATE:
-            self._deal(self._wait_for_joiners(joined))
+    def _start_processes(self) -> None:
         credentials = self.credentials()
         shell = Shell(self._pacer, self.endpoint, self._sink, credentials=credentials)
         self._resources.callback(shell.close)
@@ -223,8 +298,9 @@ class LockstepFleet(ProcessFleet):
         shell.start()
         scene = scene_to_toml(self.scene)
         if self._joiners is not None:
-            self._joiners.send({process: self._config(process, scene) for process in range(joined)})
-        for process in range(joined, len(self.modules_of)):
+            for process in range(self._joined):
+                self._joiners.send(process_name(process), offer(self._config(process, scene)))
+        for process in range(self._joined, len(self.modules_of)):
             if self._check is not None:
                 self._check()
             name = process_name(process)
@@ -237,46 +313,7 @@ class LockstepFleet(ProcessFleet):
             else:
                 self._children.serve_here(name, _MODULE, config)
         self._wait()
-        self._joined = True
-
-    def _open_network(self) -> None:
-        network = self._network
-        if network.connect is not None:
-            self.endpoint = network.connect
-        else:
-            own = max(1, self.processes)
-            self._open_router(Router(network.listen, processes=own, secure=network.secure))
-        if self._say is None:
-            return
-        where = self.endpoint if self._router is None else self._router.listening
-        if network.is_open:
-            self._say(without_tls(where))
-        if network.listen is not None and not network.wait_for:
-            self._say(
-                "others can listen, but not join: expected --wait-for N to wait for N processes"
-            )
-        self._say(f"endpoint {where}, run {self.run}")
-
-    def credentials(self, name: str = COORDINATOR) -> Credentials:
-        """Return the credentials with which the process of this name authenticates."""
-        if self._router is not None:
-            return self._router.credentials(name)
-        folder = self._network.secure
-        return Credentials(name, "", "" if folder is None else str(folder))
-
-    def _wait_for_joiners(self, expected: int) -> list[list[int]]:
-        """Show that the run is there, and wait for remote processes; return the modules of each."""
-        joiners = self._joiners = RemoteProcesses(
-            self.endpoint, self.run, len(self.scene.start), expected, self.credentials()
-        )
-        self._resources.callback(joiners.close)
-
-        def check() -> None:
-            if self._check is not None:
-                self._check()
-            self._look_after_the_router()
-
-        return joiners.gather(check, self._say or (lambda _: None), self._patience_s)
+        self._begun = True
 
     def _config(self, process: int, scene: str) -> ProcessConfig:
         """Return the configuration of a process, apart from how it finds the router."""
@@ -336,7 +373,7 @@ class LockstepFleet(ProcessFleet):
         Nobody's patience runs out meanwhile: processes from elsewhere, which end when they hear
         nothing for long, receive a phase that is over, which they do not answer.
         """
-        told = looked = time.monotonic()
+        reported = looked = time.monotonic()
         while (wait_s := left()) > 0.0:
             if self._shell is None:
                 raise _ended()
@@ -350,8 +387,8 @@ class LockstepFleet(ProcessFleet):
             if now - looked > _LOOK_S:
                 looked = now
                 self._look_for_the_dead()
-            if now - told > _STILL_S:
-                told = now
+            if now - reported > _STILL_S:
+                reported = now
                 data = encode(Go(self.round, "sense"))
                 keys = (
                     topic_key(self.run, "go", process_name(process))
@@ -404,6 +441,7 @@ class LockstepFleet(ProcessFleet):
             if not came or time.monotonic() - self._looked > _LOOK_S:
                 self._looked = time.monotonic()
                 self._look_for_the_dead()
+        self._paced = time.monotonic()
 
     def _look_for_the_dead(self) -> None:
         if self._check is not None:
@@ -411,22 +449,16 @@ class LockstepFleet(ProcessFleet):
         for ended in self._children.ended():
             if ended.error is not None:
                 raise ProcessDied(ended.error)
-            raise self._pacer.died(int(ended.name.rpartition("_")[2]), ended.how)
+            raise self._pacer.died(number_in(ended.name), ended.how)
         if self._joiners is not None:
             self._joiners.look()
-            for process in self._joiners.gone():
-                raise self._pacer.died(process, "it has left the network")
+            for name in self._joiners.gone(heard=self._paced):
+                raise self._pacer.died(number_in(name), LEFT)
         self._look_after_the_router()
-
-    def _look_after_the_router(self) -> None:
-        """Start it again if it died, unless it does so time and again."""
-        router = self._router
-        if router is not None and router.look_after() and router.restarts > _RESTARTS_MAX:
-            raise ProcessDied(f"the router died {router.restarts} times")
 
     @property
     def _end_s(self) -> float:
-        return _END_S_MAX if self._joined else _HURRY_S_MAX
+        return _END_S_MAX if self._begun else _HURRY_S_MAX
 
     def _end(self) -> None:
         if self._shell is not None:

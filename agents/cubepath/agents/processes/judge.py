@@ -36,7 +36,7 @@ ORDER = {"sense": 0, "observe": 1, "claim": 2, "settle": 3, "join": 4, "over": 5
 BEFORE: dict[str, Spoken] = {"observe": "sense", "claim": "sense", "settle": "claim"}
 """What must have been heard before a phase begins."""
 ASK_S_MIN, ASK_S_MAX = 1.0, 4.0
-"""What is missing is asked for after so many seconds, then after twice as many, up to the most."""
+"""Seconds after which missing messages are requested; doubled each time, up to the second."""
 
 
 _SITES_MAX = 1 << 16
@@ -104,28 +104,29 @@ class Judge:
                 )
         return message
 
-    def check(self, said: wire.Bundle) -> None:
+    def check(self, bundle: wire.Bundle) -> None:
         """Raise RefusedError if a bundle cannot be."""
-        process, round_number = said.process, said.round
-        kinds, process_of, checked = KINDS_IN[said.phase], self._process_of, self._checked
-        for part in said.parts:
+        process, round_number = bundle.process, bundle.round
+        kinds, process_of, checked = KINDS_IN[bundle.phase], self._process_of, self._checked
+        for part in bundle.parts:
             in_phase = part.round == round_number and type(part) in kinds
             if process_of.get(part.module) != process or not in_phase:
-                _refuse_part(said, part)
+                _refuse_part(bundle, part)
             if part.site not in checked:
                 self._check_sender(part)
             if type(part) is not wire.Presence:
                 self._check_content(part)
-        if len({(type(part), part.module) for part in said.parts}) != len(said.parts):
-            refuse("doubled", f"process_{said.process} says something twice in one message")
-        if said.number and said.phase != "settle":
-            refuse("out of place", f"a second message of phase {said.phase} to {said.region}")
-        modules = len(self._modules_of[said.process])
-        if said.number >= modules:
+        if len({(type(part), part.module) for part in bundle.parts}) != len(bundle.parts):
+            refuse("doubled", f"process_{bundle.process} says something twice in one message")
+        if bundle.number and bundle.phase != "settle":
+            refuse("out of place", f"a second message of phase {bundle.phase} to {bundle.region}")
+        modules = len(self._modules_of[bundle.process])
+        if bundle.number >= modules:
             # Each verdict may come in a separate bundle, and each module has one.
             refuse(
                 "out of place",
-                f"message {said.number} of {modules} modules to {said.region}, expected one each",
+                f"message {bundle.number} of {modules} modules to {bundle.region},"
+                " expected one each",
             )
 
     def _check_content(self, part: wire.Part) -> None:
@@ -205,12 +206,12 @@ def _name(part: wire.Part) -> str:
     return f"{wire.kind_of(part)} of module_{part.module}"
 
 
-def _refuse_part(said: wire.Bundle, part: wire.Part) -> NoReturn:
+def _refuse_part(bundle: wire.Bundle, part: wire.Part) -> NoReturn:
     """Refuse what a process says for a module of another, or at another time."""
-    when = f"round {part.round}, said in phase {said.phase} of round {said.round}"
-    if part.round != said.round or type(part) not in KINDS_IN[said.phase]:
+    when = f"round {part.round}, said in phase {bundle.phase} of round {bundle.round}"
+    if part.round != bundle.round or type(part) not in KINDS_IN[bundle.phase]:
         refuse("out of place", f"{_name(part)} of {when}")
-    refuse("foreign", f"{_name(part)}, which is not in process_{said.process}")
+    refuse("foreign", f"{_name(part)}, which is not in process_{bundle.process}")
 
 
 def _check_site(part: wire.Part, site: Site, check: Callable[[Site], None]) -> None:
@@ -249,28 +250,28 @@ class Refusals:
         self, round_number: int, key: str, data: bytes, error: RefusedError
     ) -> list[Keep[wire.Refused]]:
         """Count a message that was refused; return what there is to tell of it now."""
-        told = [] if round_number == self._round else self._begin(round_number)
+        effects = [] if round_number == self._round else self._begin(round_number)
         self.count += 1
         topic = topic_in_key(key)
-        who = topic.rpartition("/")[2][:_NAME_MAX]
-        if (who, error.reason) not in self._known and len(self._known) >= _KINDS_MAX:
-            who = _OTHERS
-        kind = who, error.reason
+        sender = topic.rpartition("/")[2][:_NAME_MAX]
+        if (sender, error.reason) not in self._known and len(self._known) >= _KINDS_MAX:
+            sender = _OTHERS
+        kind = sender, error.reason
         if kind in self._known:
             self._more[kind] += 1
-            return told
+            return effects
         self._known[kind] = self.last = wire.Refused(
             round=round_number,
             key=topic[:_KEY_MAX],
-            sender=who,
+            sender=sender,
             reason=error.reason,
             detail=str(error)[:_WHY_MAX],
             count=1,
             sample=data[:_SAMPLE_MAX].decode(errors="replace"),
         )
-        return [*told, _keep(self.last)]
+        return [*effects, _keep(self.last)]
 
-    def told(self) -> list[Keep[wire.Refused]]:
+    def new_refusals(self) -> list[Keep[wire.Refused]]:
         """Return how many more there were of each kind since this was asked."""
         found = []
         for kind, more in self._more.items():
@@ -286,7 +287,7 @@ class Refusals:
         return found
 
     def _begin(self, round_number: int) -> list[Keep[wire.Refused]]:
-        found = self.told()
+        found = self.new_refusals()
         self._known.clear()
         self._round = round_number
         return found

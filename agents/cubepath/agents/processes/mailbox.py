@@ -22,15 +22,15 @@ class Inbox:
     def __init__(self) -> None:
         self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], Bundle]] = {}
 
-    def knows(self, said: Bundle) -> bool:
+    def knows(self, bundle: Bundle) -> bool:
         """Return whether a message of that number is kept already, whatever it holds."""
-        kept = self._heard.get((said.round, said.phase), ())
-        return (said.region, said.process, said.number) in kept
+        kept = self._heard.get((bundle.round, bundle.phase), ())
+        return (bundle.region, bundle.process, bundle.number) in kept
 
-    def keep(self, said: Bundle) -> None:
+    def keep(self, bundle: Bundle) -> None:
         """Keep a bundle."""
-        kept = self._heard.setdefault((said.round, said.phase), {})
-        kept[said.region, said.process, said.number] = said
+        kept = self._heard.setdefault((bundle.round, bundle.phase), {})
+        kept[bundle.region, bundle.process, bundle.number] = bundle
 
     def kept(self, round_number: int, phase: Spoken) -> list[Bundle]:
         """Return the bundles of a phase, in an order that does not depend on their arrival."""
@@ -65,7 +65,7 @@ class Outbox:
     def begin(self, round_number: int) -> None:
         """Begin a round, in which nothing has been sent yet."""
         self._round = round_number
-        self._said: dict[str, dict[str, list[Put]]] = {}
+        self._sent: dict[str, dict[str, list[Put]]] = {}
 
     def say(self, phase: Spoken, parts: Iterable[Part]) -> list[Put]:
         """Say parts to the regions that they are addressed to, a message a region."""
@@ -73,10 +73,10 @@ class Outbox:
         for part in parts:
             for region in self._regions(part):
                 by_region.setdefault(region, []).append(part)
-        said = self._said.setdefault(phase, {})
+        sent = self._sent.setdefault(phase, {})
         found = []
         for region in sorted(by_region):
-            puts = said.setdefault(region, [])
+            puts = sent.setdefault(region, [])
             message = Bundle(
                 round=self._round,
                 phase=phase,
@@ -90,17 +90,17 @@ class Outbox:
             found.append(put)
         return found
 
-    def said(self, phase: str) -> list[Put]:
+    def sent(self, phase: str) -> list[Put]:
         """Return all bundles of a phase: nothing, if it is not one to speak in."""
-        return [put for puts in self._said.get(phase, {}).values() for put in puts]
+        return [put for puts in self._sent.get(phase, {}).values() for put in puts]
 
-    def said_to(self, phase: Spoken, region: str) -> list[Put]:
+    def sent_to(self, phase: Spoken, region: str) -> list[Put]:
         """Return the bundles to a region in a phase."""
-        return self._said.get(phase, {}).get(region, [])
+        return self._sent.get(phase, {}).get(region, [])
 
     def counts(self, phase: str) -> dict[str, int]:
         """Return by region how many messages were sent in a phase."""
-        return {region: len(puts) for region, puts in self._said.get(phase, {}).items()}
+        return {region: len(puts) for region, puts in self._sent.get(phase, {}).items()}
 
     def _regions(self, part: Part) -> frozenset[str]:
         system = self._system

@@ -175,7 +175,7 @@ class HostNode:
         if again.round != self._round or repeats >= _REPEATS_MAX:
             return ()
         self._repeats[again.process] = repeats + 1
-        return self._outbox.said_to(again.phase, again.region)
+        return self._outbox.sent_to(again.phase, again.region)
 
     def _answer(self, *messages: wire.Message) -> list[Put]:
         """Answer the coordinator; the answer is repeated if it asks again."""
@@ -189,37 +189,37 @@ class HostNode:
 
     # Incoming messages.
 
-    def _hear(self, said: wire.Bundle) -> list[Effect]:
+    def _hear(self, bundle: wire.Bundle) -> list[Effect]:
         """Keep a bundle for the end of its phase; verdicts are given immediately."""
-        if not self._awaits(said) or self._inbox.knows(said):
+        if not self._awaits(bundle) or self._inbox.knows(bundle):
             return []
-        self._judge.check(said)
-        self._inbox.keep(said)
-        if said.phase == self._phase == "settle":
-            return self._conclude(self._tell_own(self._give(said)))
+        self._judge.check(bundle)
+        self._inbox.keep(bundle)
+        if bundle.phase == self._phase == "settle":
+            return self._conclude(self._tell_own(self._give(bundle)))
         return self._try_to_begin()
 
-    def _awaits(self, said: wire.Bundle) -> bool:
+    def _awaits(self, bundle: wire.Bundle) -> bool:
         """Return whether a bundle's phase is still to come or under way; else it is a double."""
-        if said.process == self._config.process or said.region not in self._within:
+        if bundle.process == self._config.process or bundle.region not in self._within:
             return False
-        if said.phase == "sense":
-            return said.round == self._round + 1 or (
-                said.round == self._round and not self._delivered
+        if bundle.phase == "sense":
+            return bundle.round == self._round + 1 or (
+                bundle.round == self._round and not self._delivered
             )
-        if said.round != self._round:
+        if bundle.round != self._round:
             return False
-        if said.phase == "claim":
+        if bundle.phase == "claim":
             return self._phase in ("sense", "observe", "claim")
         return self._phase == "claim" or (self._phase == "settle" and not self._answers)
 
-    def _give(self, said: wire.Bundle) -> list[wire.Part]:
+    def _give(self, bundle: wire.Bundle) -> list[wire.Part]:
         """Give modules what is addressed to their places; return what they say to it."""
-        there = self._within.get(said.region)
+        there = self._within.get(bundle.region)
         found: list[wire.Part] = []
         if there:
             system = self._system
-            for part in said.parts:
+            for part in bundle.parts:
                 for place in addressees(system, part):
                     core = there.get(place)
                     if core is not None:
@@ -236,23 +236,23 @@ class HostNode:
 
     def _deliver(self, round_number: int, phase: judge.Spoken) -> None:
         """Give modules everything that modules of other processes sent in a phase."""
-        for said in self._inbox.take(round_number, phase):
-            self._give(said)
+        for bundle in self._inbox.take(round_number, phase):
+            self._give(bundle)
 
     # Outgoing messages.
 
     def _tell_own(self, parts: Iterable[wire.Part]) -> list[wire.Part]:
         """Give what own modules say to own modules; return all messages, answers included."""
-        said: list[wire.Part] = []
+        others: list[wire.Part] = []
         queue = deque(parts)
         while queue:
             part = queue.popleft()
-            said.append(part)
+            others.append(part)
             for place in addressees(self._system, part):
                 core = self._there.get(place)
                 if core is not None:
                     queue.extend(core.hear(part))
-        return said
+        return others
 
     # The phases.
 
@@ -294,7 +294,7 @@ class HostNode:
     def _repeat(self) -> list[Effect]:
         """Repeat all messages of this phase."""
         answers = self._answers or [self._waiting(self._round, self._phase)]
-        return [*self._outbox.said(self._phase), *answers]
+        return [*self._outbox.sent(self._phase), *answers]
 
     def _try_to_begin(self) -> list[Effect]:
         """Begin the phase that was asked for, if nothing is missing."""
@@ -334,8 +334,8 @@ class HostNode:
         self._delivered = False
         self._given = {key: acts for key, acts in self._given.items() if key >= round_number}
         parts = [part for core in self._cores.values() for part in core.sense(round_number)]
-        said = self._outbox.say("sense", self._tell_own(parts))
-        return [*said, *self._answer(self._ready("sense"))]
+        effects = self._outbox.say("sense", self._tell_own(parts))
+        return [*effects, *self._answer(self._ready("sense"))]
 
     def _observe(self) -> list[Effect]:
         """Send the observations of modules that are driven from outside."""
@@ -365,16 +365,16 @@ class HostNode:
             for module, core in self._cores.items():
                 choice = self._actors[module].act(core.observation())
                 claims += core.claim(choice.action, choice.note, choice.failed)
-        said = self._outbox.say("claim", self._tell_own(claims))
-        return [*said, *self._answer(self._ready("claim"))]
+        effects = self._outbox.say("claim", self._tell_own(claims))
+        return [*effects, *self._answer(self._ready("claim"))]
 
     def _arbitrate(self) -> list[Effect]:
         self._deliver(self._round, "claim")
         parts = [part for core in self._cores.values() for part in core.arbitrate()]
-        said = self._tell_own(parts)
+        results = self._tell_own(parts)
         for verdicts in self._inbox.kept(self._round, "settle"):
-            said += self._tell_own(self._give(verdicts))
-        return self._conclude(said)
+            results += self._tell_own(self._give(verdicts))
+        return self._conclude(results)
 
     def _conclude(self, parts: list[wire.Part]) -> list[Effect]:
         """Say the verdicts; report if all modules are through with the round."""
@@ -451,26 +451,26 @@ def _at_incarnation(
     config: ProcessConfig, scene: Scene, rule: RuleType, seed: int
 ) -> tuple[dict[int, Actor], int]:
     """Return an actor for each module, by number, and the length of the notes."""
-    modules, told, doubt = config.modules, config.recorded, config.hesitate
-    if told is None:
+    modules, recorded, doubt = config.modules, config.recorded, config.hesitate
+    if recorded is None:
         first = rule if config.schedule is None else scheduled(config.schedule)
         actors = actors_for(scene, first, seed=seed, hesitate=doubt, modules=modules)
         return actors, first.length(len(scene.start))
-    bound = [module for module in modules if module in told.choices]
-    free = [module for module in modules if module not in told.choices]
-    actors = actors_for(scene, as_recorded(told), seed=seed, hesitate=0.0, modules=bound)
+    bound = [module for module in modules if module in recorded.choices]
+    free = [module for module in modules if module not in recorded.choices]
+    actors = actors_for(scene, as_recorded(recorded), seed=seed, hesitate=0.0, modules=bound)
     actors |= actors_for(scene, rule, seed=seed, hesitate=doubt, modules=free)
-    return actors, told.note_length
+    return actors, recorded.note_length
 
 
 def _afterwards(
     config: ProcessConfig, scene: Scene, rule: RuleType, seed: int, sites: Mapping[int, Site]
 ) -> tuple[dict[int, Actor], int]:
     """Return the same for when the schedule or the record is over, and modules are at `sites`."""
-    told = config.recorded
-    others = {} if told is None else told.rules
-    if told is not None and told.seeds:
-        seed = told.seeds[-1][1]
+    recorded = config.recorded
+    others = {} if recorded is None else recorded.rules
+    if recorded is not None and recorded.seeds:
+        seed = recorded.seeds[-1][1]
     actors: dict[int, Actor] = {}
     for name in sorted({others.get(module, "") for module in config.modules}):
         actors |= actors_for(

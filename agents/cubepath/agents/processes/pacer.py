@@ -43,8 +43,6 @@ from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Put, Timer
 Phase: TypeAlias = Literal["join", "sense", "observe", "claim", "settle", "over"]
 PATIENCE_S = 60.0
 """How long a phase may make no progress, by default."""
-PATIENCE_S_MAX = 3600.0
-"""Links to processes that stand still are closed after that time."""
 Check: TypeAlias = Callable[[Message], object]
 """Takes each message of modules once, and the answer of a process when all its messages have come;
 raises RefusedError if it cannot be, given where modules stand."""
@@ -95,8 +93,8 @@ class Pacer:
         """Whether the phases that were asked for are over."""
         self._ready: dict[int, Ready] = {}
         self._answers: dict[int, bytes] = {}
-        self._said: dict[int, dict[tuple[str, int], bytes]] = {}
-        self._told: dict[int, bytes] = {}
+        self._sent: dict[int, dict[tuple[str, int], bytes]] = {}
+        self._reported: dict[int, bytes] = {}
         self._asked: dict[int, int] = {}
         self._through: set[int] = set()
         self._held: dict[int, list[Keep[Message]]] = {}
@@ -118,12 +116,12 @@ class Pacer:
 
     def begin_round(self, *, driven: bool = False) -> list[Effect]:
         """Begin the next round; with modules `driven` from outside, up to their observations."""
-        told = self._refusals.told()
+        effects = self._refusals.new_refusals()
         self.round += 1
         self._driven = driven
         self._acts = []
         self._counts: dict[str, int] = {}
-        return [*told, *self._ask("sense")]
+        return [*effects, *self._ask("sense")]
 
     def act(self, acts: Sequence[ChosenAction]) -> list[Effect]:
         """Finish a round with the actions of all modules."""
@@ -150,7 +148,7 @@ class Pacer:
 
     def stop(self) -> list[Effect]:
         """Let all processes end."""
-        return [*self._refusals.told(), *self._put(Go(self.round, "stop")), Timer(None)]
+        return [*self._refusals.new_refusals(), *self._put(Go(self.round, "stop")), Timer(None)]
 
     def _ask(self, phase: Phase) -> list[Effect]:
         if phase == "join":
@@ -203,20 +201,20 @@ class Pacer:
             self._waited.add(message.process)
         return [Keep(data, message)]
 
-    def _is_true(self, said: Bundle, data: bytes) -> bool:
+    def _is_true(self, bundle: Bundle, data: bytes) -> bool:
         """Return whether a bundle is due, as `_is_new`; who says what cannot be is not through.
 
         Others may have heard it: were another message taken for it, they would know otherwise.
         """
-        if not self._is_of_now(said):
+        if not self._is_of_now(bundle):
             return False
-        known = self._said.get(said.process, {}).get((said.region, said.number)) == data
+        known = self._sent.get(bundle.process, {}).get((bundle.region, bundle.number)) == data
         try:
-            return self._is_new(said, data)
+            return self._is_new(bundle, data)
         except RefusedError:
             if not known:
-                self._false.add(said.process)
-                self._through.discard(said.process)
+                self._false.add(bundle.process)
+                self._through.discard(bundle.process)
             raise
 
     def _is_new(self, message: Ready | Bundle | Reports | Observations, data: bytes) -> bool:
@@ -266,9 +264,9 @@ class Pacer:
             case Ready():
                 known = self._answers.get(process)
             case Bundle(region=region, number=number):
-                known = self._said.get(process, {}).get((region, number))
+                known = self._sent.get(process, {}).get((region, number))
             case _:
-                known = self._told.get(process)
+                known = self._reported.get(process)
         if known not in (None, data):
             refuse("contradicts", f"another {kind_of(message)} of {_when(message)} came before")
         return known is not None
@@ -279,10 +277,10 @@ class Pacer:
                 self._ready[message.process] = message
                 self._answers[message.process] = data
             case Bundle():
-                said = self._said.setdefault(message.process, {})
-                said[message.region, message.number] = data
+                sent = self._sent.setdefault(message.process, {})
+                sent[message.region, message.number] = data
             case Reports() | Observations():
-                self._told[message.process] = data
+                self._reported[message.process] = data
         self._moved = True
         if isinstance(message, Bundle | Observations):
             return [Keep(data, message), *self._pass(message.process)]
@@ -321,13 +319,13 @@ class Pacer:
             return False
         if not self._hears_all:
             return True
-        if self.phase in ("settle", "observe") and process not in self._told:
+        if self.phase in ("settle", "observe") and process not in self._reported:
             return False
-        return len(self._said.get(process, ())) >= sum(ready.sent.values())
+        return len(self._sent.get(process, ())) >= sum(ready.sent.values())
 
     def _next(self) -> list[Effect]:
         self._counts = {}
-        for process in sorted(self._ready):  # not in the order of arrival: it goes on record
+        for process in sorted(self._ready):  # not in the order of arrival: it is recorded
             for region, count in self._ready[process].sent.items():
                 self._counts[region] = self._counts.get(region, 0) + count
         match self.phase:
@@ -353,8 +351,8 @@ class Pacer:
             patience_s = max(patience_s, PATIENCE_S)  # processes take some time to start
         if self._waited_s >= patience_s:
             raise ProcessDied(self._too_late(missing))
-        self._there.clear()  # whoever still waits says so again
-        found: list[Effect] = [*self._refusals.told()]
+        self._there.clear()  # a process that still waits repeats its question
+        found: list[Effect] = [*self._refusals.new_refusals()]
         if self._go is not None:  # processes join by themselves, and say so until they are heard
             data = encode(self._go)
             for process in missing:

@@ -68,11 +68,11 @@ class Settling:
         """
         for module in self._ranked:
             due = verdict(self.before[module], verdicts)
-            told = outcome(due)
+            due_verdict = outcome(due)
             if verdicts.get(module, due) != due:
-                return module, f"verdict of module_{module}: by those before it it is {told}"
-            if reports[module].claim != told:
-                return module, f"report of module_{module}: by those before it it is {told}"
+                return module, f"verdict of module_{module}: by those before it it is {due_verdict}"
+            if reports[module].claim != due_verdict:
+                return module, f"report of module_{module}: by those before it it is {due_verdict}"
         taken: dict[Site, Move] = {}
         for module in self._ranked:
             if reports[module].move is not None:

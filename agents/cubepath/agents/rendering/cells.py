@@ -4,9 +4,8 @@ It draws only what it is given. On a map y counts downwards, vehicles are discs,
 no places are walls.
 """
 
-from cmath import phase
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
 from math import ceil, floor, pi, sqrt
 
@@ -18,24 +17,18 @@ from cubepath.agents.rendering.places import (
     PlacePen,
     PlaceShape,
     disc,
-    disc_solid,
-    draw_goals_alone,
-    draw_places,
-    extent_of,
-    frame_of,
-    hexagon_solid,
-    place_body,
     place_marks,
-    place_pen,
-    square_solid,
+    place_style,
+    vehicle_solid,
 )
-from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import HEX_DIRECTIONS
+from cubepath.agents.rendering.ways import way_in
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, EMPTY, FILLED, Scene, System
 
 _GROUND = {EMPTY: ".", FILLED: "#", CLOSED: " "}
 _MARGIN = 0.6
+_ACROSS = 0.93
+"""Across a hexagon in three dimensions, in cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,92 +123,6 @@ def _walls(system: System, free: Iterable[tuple[int, int]]) -> list[style.Points
     ]
 
 
-def _draw_cells(
-    pen: style.Pen,
-    scene: Scene,
-    sites: Sequence[Site],
-    moved: Mapping[int, Site],
-    words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
-    *,
-    look: PlaceShape,
-    rows: _Rows,
-    on_map: bool,
-) -> None:
-    places = place_pen(pen, scene.system, look)
-    (_map_ground if on_map else _lattice_ground)(rows, places)
-    draw_places(places, scene, sites, moved, words)
-
-
-def _behind(pen: style.Pen, scene: Scene, *, look: PlaceShape, rows: _Rows, on_map: bool) -> None:
-    (_map_ground if on_map else _lattice_ground)(rows, place_pen(pen, scene.system, look))
-
-
-def _hexagon_pivot(action: Action, source: Site, target: Site) -> style.Pivot | None:
-    """Return how a hexagon turns about a corner of the one module that the move needs beside it.
-
-    Two neighbouring hexagons have two common neighbours. If just one of them is on throughout the
-    action, the module rolls along it: it turns about the corner where the three meet.
-    """
-    beside = _neighbours(source) & _neighbours(target)
-    still = [cell for cell in beside if _stays_on(action, cell)]
-    if target not in _neighbours(source) or len(still) != 1:
-        return None
-    one, other, third = (complex(*_HEXAGON_ROWS.spot(cell)) for cell in (source, target, still[0]))
-    about = (one + other + third) / 3
-    return _turned(about, phase((other - about) / (one - about)))
-
-
-def _square_pivot(action: Action, source: Site, target: Site) -> style.Pivot | None:
-    """Return how a square turns about a corner of a module that the move needs beside it.
-
-    One that comes to a cell diagonally across turns by half, around the one module that stays on
-    beside both cells. One that comes to the next cell turns by a quarter, along two modules that
-    stay on at one side, if the move needs the two cells at the other side free, which it sweeps;
-    otherwise it slides.
-    """
-    one, other = complex(*style.cell_of(source)), complex(*style.cell_of(target))
-    way, middle = other - one, (one + other) / 2
-    if abs(way.real) == abs(way.imag) == 1:
-        sides = [complex(one.real, other.imag), complex(other.real, one.imag)]
-        still = [_stays_on(action, _cell_at(side)) for side in sides]
-        if still[0] == still[1]:
-            return None
-        free = sides[still[0]]
-        return _turned(middle, 2 * phase((free - middle) / (one - middle)))
-    if abs(way) != 1:
-        return None
-    for aside in (1j * way, -1j * way):
-        along, across = ([_cell_at(each + to) for each in (one, other)] for to in (aside, -aside))
-        if all(_stays_on(action, cell) for cell in along) and all(
-            _stays_off(action, cell) for cell in across
-        ):
-            about = middle + aside / 2
-            return _turned(about, phase((other - about) / (one - about)))
-    return None
-
-
-def _turned(about: complex, angle: float) -> style.Pivot:
-    return style.Pivot((about.real, about.imag), angle)
-
-
-def _cell_at(spot: complex) -> Site:
-    return round(spot.real), round(spot.imag)
-
-
-def _stays_on(action: Action, cell: Site) -> bool:
-    return cell in action.ends[0] and cell in action.ends[1]
-
-
-def _stays_off(action: Action, cell: Site) -> bool:
-    on = action.ends[0] | action.ends[1] | action.free
-    return cell in action.support and cell not in on
-
-
-def _neighbours(cell: Site) -> frozenset[Site]:
-    x, y = style.cell_of(cell)
-    return frozenset((x + dx, y + dy) for dx, dy in HEX_DIRECTIONS)
-
-
 def _marks(
     scene: Scene, shots: Sequence[style.Shot], box: style.Box, *, rows: _Rows, on_map: bool
 ) -> Iterator[style.Mark]:
@@ -268,40 +175,28 @@ def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) 
     return "\n".join(lines)
 
 
-def _style(
-    look: PlaceShape, rows: _Rows, *, hexagons: bool = False, on_map: bool = False
-) -> style.Style:
-    moving = style.MovingPart(
-        behind=partial(_behind, look=look, rows=rows, on_map=on_map),
-        before=partial(draw_goals_alone, look=look),
-        body=partial(place_body, look),
-        outline=look.outline("module", None),
-    )
-    if not on_map:  # vehicles drive
-        moving = replace(moving, pivot=_hexagon_pivot if hexagons else _square_pivot)
-    return style.Style(
-        text=partial(_text, hexagons=hexagons, on_map=on_map),
-        frame=partial(frame_of, look),
-        extent=partial(extent_of, look),
-        draw=partial(_draw_cells, look=look, rows=rows, on_map=on_map),
-        marks=partial(_marks, rows=rows, on_map=on_map),
-        moving=moving,
-        solid=partial(disc_solid if on_map else hexagon_solid if hexagons else square_solid, look),
-    )
-
-
-HEXAGONS = _style(
+HEXAGONS = place_style(
     PlaceShape(_HEXAGON_ROWS.middle, lambda kind, _: _hexagon(kind), _MARGIN),
-    _HEXAGON_ROWS,
-    hexagons=True,
+    partial(_lattice_ground, _HEXAGON_ROWS),
+    lambda spot: style.disc_at(spot, _ACROSS),
+    text=partial(_text, hexagons=True, on_map=False),
+    marks=partial(_marks, rows=_HEXAGON_ROWS, on_map=False),
+    way=partial(way_in, "hexagons", _HEXAGON_ROWS.spot),
 )
-SQUARES = _style(
-    PlaceShape(_SQUARE_ROWS.middle, lambda kind, _: _square(kind), _MARGIN), _SQUARE_ROWS
+SQUARES = place_style(
+    PlaceShape(_SQUARE_ROWS.middle, lambda kind, _: _square(kind), _MARGIN),
+    partial(_lattice_ground, _SQUARE_ROWS),
+    style.box_at,
+    text=partial(_text, hexagons=False, on_map=False),
+    marks=partial(_marks, rows=_SQUARE_ROWS, on_map=False),
+    way=partial(way_in, "squares", _SQUARE_ROWS.spot),
 )
-MAP = _style(
+MAP = place_style(
     PlaceShape(
         _MAP_ROWS.middle, lambda kind, _: disc(kind) if kind == "module" else _square(kind), _MARGIN
     ),
-    _MAP_ROWS,
-    on_map=True,
+    partial(_map_ground, _MAP_ROWS),
+    vehicle_solid,
+    text=partial(_text, hexagons=False, on_map=True),
+    marks=partial(_marks, rows=_MAP_ROWS, on_map=True),
 )

@@ -8,15 +8,16 @@ axes. There, lengths and line widths are in cells, with y upwards.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering import cells, chords, edges, letters, places, style
+from cubepath.agents.rendering import cells, chords, edges, letters, places, solids, style
+from cubepath.agents.rendering.ways import Way, along, straight
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -36,16 +37,21 @@ STYLES: Mapping[str, style.Style] = {
     "graph": places.GRAPH,
     "chords": chords.CHORDS,
     "letters": letters.LETTERS,
+    **solids.SOLIDS,
 }
 
 
 def style_of(scene: Scene) -> style.Style:
-    """Return the style in which a scene is drawn; InputError if its system names none."""
-    found = STYLES.get(scene.system.drawing)
-    if found is None:
-        raise InputError(
-            f"{scene.spec}: drawing {scene.system.drawing!r}, expected one of {', '.join(STYLES)}"
-        )
+    """Return the style in which a scene is drawn: that of a graph if its own style cannot draw it.
+
+    So it is if there is no style of this name, or a module starts where that style has no place.
+    """
+    found = STYLES.get(scene.system.drawing, places.UNKNOWN)
+    try:
+        for site in scene.start[:1]:  # one stands for all, which are alike
+            found.solid(scene.system, site)
+    except InputError:
+        return places.UNKNOWN
     return found
 
 
@@ -190,7 +196,7 @@ class _ListCanvas:
         count = len(shapes)
         faces = _colours(paint.get("facecolors", "none"), count)
         edges = _colours(paint.get("edgecolors", "none"), count)
-        width = round(float(paint.get("linewidths", 0)), 4)
+        width = round(float(np.max(paint.get("linewidths", 0))), 4)
         alpha = float(paint.get("alpha", 1))
         groups: dict[tuple[int, str, str], dict[str, Any]] = {}
         for shape, face, edge in zip(shapes, faces, edges, strict=True):
@@ -248,42 +254,18 @@ def colour_text(colour: style.Colour) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in colour)
 
 
-@dataclass(frozen=True, slots=True)
-class Backdrop:
+class Backdrop(NamedTuple):
     """All of a picture that moves but the modules, and how these look at their sites.
 
-    `behind` and `before` the modules lies what never changes, in the frame `box`.
+    `behind` and `before` the modules lies what never changes, in the frame `box`. `outline` is that
+    of a module that is a cell or a box: x, y, x, y, ... around 0, 0.
     """
 
     box: style.Box
     behind: DrawnShapes
     before: DrawnShapes
-    _scene: Scene
-    _moving: style.MovingPart
-
-    @property
-    def outline(self) -> list[float]:
-        """Return the outline of a module that is a cell or a box: x, y, x, y, ... around 0, 0."""
-        return [] if self._moving.outline is None else _rounded(self._moving.outline)
-
-    @property
-    def thick(self) -> float:
-        """Return the thickness of a module that is a bar."""
-        return self._moving.thick
-
-    @property
-    def joints(self) -> bool:
-        """Return whether bars have joints at their ends."""
-        return self._moving.joints
-
-    def body(self, site: Site) -> style.Body:
-        """Return how a module looks at a site."""
-        return self._moving.body(self._scene, site)
-
-    def pivot(self, action: Action, source: Site, target: Site) -> style.Pivot | None:
-        """Return how a module turns in an action, None if it goes straight."""
-        place_of = self._scene.system.place_of
-        return self._moving.pivot(action, place_of(source), place_of(target))
+    outline: list[float]
+    moving: style.MovingPart
 
 
 def still(scene: Scene, visited: Iterable[Site] = ()) -> Backdrop:
@@ -291,17 +273,19 @@ def still(scene: Scene, visited: Iterable[Site] = ()) -> Backdrop:
 
     InputError as for pictures: where a system has no style, or a place cannot be drawn.
 
-    >>> found = still(scene_from_spec("hex:n=3"))
-    >>> found.body((1, 0)).shape, found.body((1, 0)).at, len(found.outline)
-    ('cell', (1.0, 0.0), 12)
+    >>> scene = scene_from_spec("hex:n=3")
+    >>> found = still(scene)
+    >>> found.moving.body(scene, (1, 0)).at, len(found.outline)
+    ((1.0, 0.0), 12)
     """
     drawn = style_of(scene)
     box = drawn.extent(scene, visited)
-    if not scene.system.bounded:  # an endless lattice goes on beyond what modules visit
+    if not scene.system.bounded:  # an endless lattice continues beyond what modules visit
         box = _widened(box)
     moving = drawn.moving
     behind, before = (_drawn(layer, scene, box) for layer in (moving.behind, moving.before))
-    return Backdrop(box, behind, before, scene, moving)
+    outline = [] if moving.outline is None else _rounded(moving.outline)
+    return Backdrop(box, behind, before, outline, moving)
 
 
 def _drawn(layer: style.Layer, scene: Scene, box: style.Box) -> DrawnShapes:
@@ -372,7 +356,7 @@ def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> ND
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    left, right, low, high = frame(scene)
+    left, right, low, high = style_of(scene).frame(scene, ())
     width = 2 * round(height * min(max((right - left) / (high - low), 0.5), 3.0) / 2)
     figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
     canvas = FigureCanvasAgg(figure)
@@ -380,15 +364,6 @@ def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> ND
     canvas.draw()  # type: ignore[no-untyped-call]  # untyped in matplotlib
     pixels = canvas.buffer_rgba()  # type: ignore[no-untyped-call]  # as above
     return np.array(pixels, dtype=np.uint8)[:, :, :3].copy()
-
-
-def frame(scene: Scene, also: Iterable[Site] = ()) -> style.Box:
-    """Return the least frame of a picture, in cells: the scene, and the sites in `also`.
-
-    On an endless lattice there is room for one more module on every side of the scene, so modules
-    that walk along its edge do not change the frame.
-    """
-    return style_of(scene).frame(scene, also)
 
 
 def extent(scene: Scene, visited: Iterable[Site]) -> style.Box:
@@ -415,6 +390,25 @@ def solid_of(scene: Scene, site: Site) -> style.Solid | None:
     return style_of(scene).solid(scene.system, site)
 
 
+def way_of(scene: Scene, action: Action, source: Site, target: Site) -> Way:
+    """Return how a module moves that an action takes from one site to another.
+
+    It is empty if pictures do not show it on its way.
+
+    >>> scene = scene_from_spec("hex:n=3")
+    >>> move = next(each for each in scene.system.moves((0, 0)) if each is not None)
+    >>> [round(leg.turn, 3) for leg in way_of(scene, move.action, *move.motion[0])]
+    [2.094]
+    """
+    drawn, place_of = style_of(scene), scene.system.place_of
+    if drawn.moving.way is None:
+        return ()
+    bodies = (drawn.solid(scene.system, site) for site in (source, target))
+    one, other = (np.array(body.middle) for body in bodies if body is not None)
+    bent = drawn.moving.way(action, place_of(source), place_of(target))
+    return bent or (straight(other - one),)
+
+
 def draw_on(
     axes: Axes,
     scene: Scene,
@@ -424,6 +418,8 @@ def draw_on(
     box: style.Box | None = None,
     numbers: bool | None = None,
     theme: style.Theme = style.LIGHT,
+    by: Mapping[int, Action] | None = None,
+    part: float = 1.0,
 ) -> None:
     """Draw modules at `sites`, by number, on matplotlib's `axes`, whose position must be final.
 
@@ -434,9 +430,15 @@ def draw_on(
     and leave a pale trace. The frame is `box`, or holds start, goal and finite workspaces.
     `numbers` decides whether to write each module's label, or its number, on it; None means if
     there is room to read it. `theme` has the colours of the ground and of marks.
+
+    With the actions `by` which modules moved, those are drawn after a `part` of their ways, 0 to 1.
     """
-    pen = _pen(axes, scene, frame(scene, sites) if box is None else box, theme)
-    style_of(scene).draw(pen, scene, sites, moved or {}, numbers)
+    drawn = style_of(scene)
+    pen = _pen(axes, scene, box or drawn.frame(scene, sites), theme)
+    if moved and by and part < 1:
+        ways = {n: way_of(scene, by[n], source, sites[n]) for n, source in moved.items()}
+        pen = replace(pen, poses={n: partial(along, way, part) for n, way in ways.items() if way})
+    drawn.draw(pen, scene, sites, moved or {}, numbers)
 
 
 def _pen(axes: Axes, scene: Scene, box: style.Box, theme: style.Theme) -> style.Pen:

@@ -1,10 +1,11 @@
 """Modules drawn place by place, on lattices, maps and graphs; and graphs themselves.
 
-The system says where the vertices of a graph lie; otherwise they lie on a circle.
+The system says where the vertices of a graph lie; otherwise they lie on a circle. What no other
+style can draw is drawn as a graph, too.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache, partial
 from math import cos, pi, sin
 from typing import Any
@@ -12,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from cubepath.agents.rendering import style
+from cubepath.agents.rendering.ways import Way
+from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
@@ -20,8 +23,8 @@ FREE_MAX = 8000
 """The most free cells that are drawn, one by one; with more, none is drawn."""
 _LARGE = 12
 """Workspaces of at most this many cells per side are always shown whole."""
-_HEXAGON, _DISC = 0.93, 0.76
-"""Across a hexagon and a vehicle in three dimensions, in cells."""
+_DISC = 0.76
+"""Across a vehicle in three dimensions, in cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +53,26 @@ class PlacePen(style.Pen):
 
     def draw(self, kind: str, places: Collection[Site], **paint: Any) -> None:
         """Draw each place as a shape of the given kind."""
-        shapes = [self.look.outline(kind, place) + self.middle(place) for place in places]
-        self.shapes(shapes, **paint)
+        self.shapes([self.shape(kind, place) for place in places], **paint)
+
+    def shape(self, kind: str, place: Site) -> style.Points:
+        """Return the outline of a shape of the given kind at a place, shape (n, 2)."""
+        return self.look.outline(kind, place) + self.middle(place)
+
+    def posed(self, number: int, points: style.Points) -> style.Points:
+        """Return points of a module, shape (n, 2), where it is on its way."""
+        pose = self.poses.get(number)
+        return points if pose is None else pose(np.pad(points, ((0, 0), (0, 1))))[:, :2]
+
+    def posed_middle(self, number: int, place: Site) -> style.Spot:
+        """Return the middle of a module where it is on its way."""
+        x, y = self.posed(number, np.array([self.middle(place)]))[0].tolist()
+        return x, y
 
 
 def place_pen(pen: style.Pen, system: System, look: PlaceShape) -> PlacePen:
     """Return a pen for the places of a system on the same axes."""
-    return PlacePen(pen.canvas, pen.box, pen.scale, pen.theme, system, look)
+    return PlacePen(pen.canvas, pen.box, pen.scale, pen.theme, system, look, poses=pen.poses)
 
 
 @cache
@@ -84,7 +100,7 @@ def frame_of(look: PlaceShape, scene: Scene, also: Iterable[Site]) -> style.Box:
 def extent_of(look: PlaceShape, scene: Scene, visited: Iterable[Site]) -> style.Box:
     """Return the frame around start, goal and the visited places, with a cell to spare.
 
-    A workspace that is not much larger is shown whole.
+    A workspace that is not much larger is shown whole, and so are obstacles that are not far.
     """
     system = scene.system
     sites = (*scene.start, *(scene.goal or ()), *visited)
@@ -92,10 +108,11 @@ def extent_of(look: PlaceShape, scene: Scene, visited: Iterable[Site]) -> style.
     near = look.margin + 1
     left, low = known.min(axis=0) - near
     right, high = known.max(axis=0) + near
-    if system.bounded and system.places:
-        whole = frame_of(look, scene, ())
-        left, right = max(left, whole[0]), min(right, whole[1])
-        low, high = max(low, whole[2]), min(high, whole[3])
+    if system.places:
+        whole = frame_of(look, scene, sites)
+        if system.bounded:
+            left, right = max(left, whole[0]), min(right, whole[1])
+            low, high = max(low, whole[2]), min(high, whole[3])
         wide, tall = whole[1] - whole[0], whole[3] - whole[2]
         small = max(wide, tall) - 2 * look.margin < _LARGE
         if small or (right - left) * (high - low) > wide * tall / 2:
@@ -115,34 +132,14 @@ def draw_places(
     colours = pen.palette(len(sites))
     left = {number: system.place_of(site) for number, site in moved.items()}
     places = [system.place_of(site) for site in sites]
+    places = [left[n] if n in pen.poses else place for n, place in enumerate(places)]
     draw_modules(pen, left, places, colours, ways=True)
     draw_goals(pen, scene, sites)
     if style.readable(pen, words) and pen.theme.modules is None:
         for number, site in enumerate(sites):
             label = system.label_of(site)
             word = str(number if label is None else label)
-            pen.write(pen.middle(places[number]), word, colours[number])
-
-
-def place_body(look: PlaceShape, scene: Scene, site: Site) -> style.Body:
-    """Return how a module looks at a site: a cell."""
-    at = look.middle(scene.system, scene.system.place_of(site))
-    return style.Body("cell", at, at)
-
-
-def hexagon_solid(look: PlaceShape, system: System, site: Site) -> style.Solid:
-    """Return the solid of a module on a hexagon."""
-    return style.disc_at(look.middle(system, system.place_of(site)), _HEXAGON)
-
-
-def square_solid(look: PlaceShape, system: System, site: Site) -> style.Solid:
-    """Return the solid of a module on a square."""
-    return style.box_at(look.middle(system, system.place_of(site)))
-
-
-def disc_solid(look: PlaceShape, system: System, site: Site) -> style.Solid:
-    """Return the solid of a vehicle, on a map or on a graph."""
-    return style.disc_at(look.middle(system, system.place_of(site)), _DISC)
+            pen.write(pen.posed_middle(number, places[number]), word, colours[number])
 
 
 def draw_goals(pen: PlacePen, scene: Scene, sites: Sequence[Site]) -> None:
@@ -158,11 +155,6 @@ def draw_goals(pen: PlacePen, scene: Scene, sites: Sequence[Site]) -> None:
     pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
 
 
-def draw_goals_alone(pen: style.Pen, scene: Scene, *, look: PlaceShape) -> None:
-    """Draw the outlines of the goal above the modules, for pictures that move."""
-    draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
-
-
 def draw_modules(
     pen: PlacePen,
     left: Mapping[int, Site],
@@ -171,19 +163,25 @@ def draw_modules(
     *,
     ways: bool,
 ) -> None:
-    """Draw modules by number, with an outline and a trace for those that left another place."""
+    """Draw modules by number, with an outline and a trace for those that left another place.
+
+    `places` are where modules are, or where those were that are on their way.
+    """
     hues = [colours[number] for number in left]
     pen.draw("module", list(left.values()), facecolors=hues, alpha=0.3, linewidths=0)
     if ways:
         lines = [
-            np.array([pen.middle(place), pen.middle(places[number])])
+            np.array(
+                [pen.middle(place), *pen.posed(number, np.array([pen.middle(places[number])]))]
+            )
             for number, place in left.items()
         ]
         pen.strokes(lines, colors=hues, linewidths=0.1 * pen.scale, alpha=0.6)
     rim = pen.theme.rim
-    pen.draw("module", places, facecolors=colours, edgecolors=rim, linewidths=0.03 * pen.scale)
-    stirred = [places[number] for number in left]
-    pen.draw("module", stirred, facecolors="none", edgecolors=style.INK, linewidths=pen.line(0.08))
+    shapes = [pen.posed(n, pen.shape("module", place)) for n, place in enumerate(places)]
+    pen.shapes(shapes, facecolors=colours, edgecolors=rim, linewidths=0.03 * pen.scale)
+    stirred = [shapes[number] for number in left]
+    pen.shapes(stirred, facecolors="none", edgecolors=style.INK, linewidths=pen.line(0.08))
 
 
 def place_marks(
@@ -200,12 +198,70 @@ def place_marks(
     yield from style.moves_marks(shots, is_round=discs)
 
 
+def place_style(
+    look: PlaceShape,
+    ground: Callable[[PlacePen], None],
+    solid: Callable[[style.Spot], style.Solid],
+    *,
+    text: style.Text,
+    marks: style.Marks,
+    way: Callable[[Action, Site, Site], Way] = lambda *_: (),
+) -> style.Style:
+    """Return the style that draws modules place by place, on a ground and below the goal."""
+
+    def middle(system: System, site: Site) -> style.Spot:
+        return look.middle(system, system.place_of(site))
+
+    def body(scene: Scene, site: Site) -> style.Body:
+        at = middle(scene.system, site)
+        return style.Body("cell", at, at)
+
+    def behind(pen: style.Pen, scene: Scene) -> None:
+        ground(place_pen(pen, scene.system, look))
+
+    def draw(
+        pen: style.Pen,
+        scene: Scene,
+        sites: Sequence[Site],
+        moved: Mapping[int, Site],
+        words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
+    ) -> None:
+        behind(pen, scene)
+        draw_places(place_pen(pen, scene.system, look), scene, sites, moved, words)
+
+    def before(pen: style.Pen, scene: Scene) -> None:
+        draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
+
+    return style.Style(
+        text=text,
+        frame=partial(frame_of, look),
+        extent=partial(extent_of, look),
+        draw=draw,
+        marks=marks,
+        moving=style.MovingPart(
+            body, behind, before, outline=look.outline("module", None), way=way
+        ),
+        solid=lambda system, site: solid(middle(system, site)),
+    )
+
+
+def vehicle_solid(spot: style.Spot) -> style.Solid:
+    """Return the solid of a vehicle, on a map or on a graph."""
+    return style.disc_at(spot, _DISC)
+
+
 _MANY = 40
 """With more vertices, the text of a graph of vehicles lists only modules and goals."""
 
 
 def _middle(system: System, place: Site) -> style.Spot:
-    found = style.spot_of(system, place) or _circle(system.places).get(place)
+    found = style.spot_of(system, place)
+    if found is None and system.dimension in (2, 3):
+        found = style.flat(system.coordinates(place))
+        # Cells of several orbits have the same coordinates, as edges at one vertex do.
+        tail = place[system.dimension :] if isinstance(place, tuple) else ()
+        found = found[0] + 0.35 * sum(tail), found[1]
+    found = found or _circle(system.places).get(place)
     if found is None:
         raise InputError(f"{place!r} cannot be drawn: it has no position and is none of the places")
     return found
@@ -225,18 +281,6 @@ def _circle(vertices: tuple[Site, ...]) -> dict[Site, style.Spot]:
 _LOOK = PlaceShape(_middle, lambda kind, _: disc(kind), 0.7)
 
 
-def _draw(
-    pen: style.Pen,
-    scene: Scene,
-    sites: Sequence[Site],
-    moved: Mapping[int, Site],
-    words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
-) -> None:
-    places = place_pen(pen, scene.system, _LOOK)
-    _ground(places)
-    draw_places(places, scene, sites, moved, words)
-
-
 def _ground(pen: PlacePen) -> None:
     """Draw edges as lines and vertices as pale discs."""
     lines = [np.array([pen.middle(end) for end in edge]) for edge in pen.system.lines()]
@@ -247,10 +291,6 @@ def _ground(pen: PlacePen) -> None:
     )
     fixed = [pen.system.place_of(site) for site in pen.system.filled]
     pen.draw("module", fixed, facecolors=style.WALL)
-
-
-def _behind(pen: style.Pen, scene: Scene) -> None:
-    _ground(place_pen(pen, scene.system, _LOOK))
 
 
 def _marks(scene: Scene, shots: Sequence[style.Shot], _box: style.Box) -> Iterator[style.Mark]:
@@ -280,17 +320,15 @@ def _name(place: Site) -> str:
     return place if isinstance(place, str) else site_text(place)
 
 
-GRAPH = style.Style(
-    text=_text,
-    frame=partial(frame_of, _LOOK),
-    extent=partial(extent_of, _LOOK),
-    draw=_draw,
-    marks=_marks,
-    moving=style.MovingPart(
-        partial(place_body, _LOOK),
-        _behind,
-        partial(draw_goals_alone, look=_LOOK),
-        outline=disc("module"),
-    ),
-    solid=partial(disc_solid, _LOOK),
-)
+GRAPH = place_style(_LOOK, _ground, vehicle_solid, text=_text, marks=_marks)
+
+
+def _marks_of_unknown(
+    scene: Scene, shots: Sequence[style.Shot], box: style.Box
+) -> Iterator[style.Mark]:
+    yield from _marks(scene, shots, box)
+    yield style.Mark(f"drawn as a graph, not as {scene.system.drawing!r}")
+
+
+UNKNOWN = replace(GRAPH, marks=_marks_of_unknown)
+"""That of a graph, for what no style can draw."""

@@ -5,15 +5,18 @@ a canvas: matplotlib's axes, or a list of what was drawn (`pictures`). Colours a
 paper; a theme replaces them on a dark ground.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import atan2, cos, hypot, pi, sin
-from typing import Any, Literal, NamedTuple, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cubepath.agents.rendering import projection
+from cubepath.agents.rendering.ways import Way, along
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -87,7 +90,7 @@ def moves_marks(shots: Iterable[Shot], *, is_round: bool = False) -> Iterator[Ma
         yield Mark("where it was before", face=GHOST, is_round=is_round)
 
 
-Points: TypeAlias = NDArray[np.float64]
+Points: TypeAlias = projection.Points
 Spot: TypeAlias = tuple[float, float]
 Colour: TypeAlias = tuple[float, float, float]
 Box: TypeAlias = tuple[float, float, float, float]
@@ -116,12 +119,13 @@ def palette(count: int) -> list[Colour]:
 @lru_cache
 def _colour(hue: int, shade: int) -> Colour:
     """Return a hue, unmixed, mixed with white or mixed with black."""
-    red, green, blue = _parts_of(_HUES[hue])
+    red, green, blue = parts_of(_HUES[hue])
     kept, added = ((1.0, 0.0), (0.6, 0.4), (0.62, 0.0))[shade]
     return kept * red + added, kept * green + added, kept * blue + added
 
 
-def _parts_of(colour: str) -> Colour:
+def parts_of(colour: str) -> Colour:
+    """Return a colour ``#rrggbb`` in parts from 0 to 1."""
     red, green, blue = (part / 255 for part in bytes.fromhex(colour[1:]))
     return red, green, blue
 
@@ -144,12 +148,16 @@ class Canvas(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Pen:
-    """Draws on a canvas; `scale` is the width of a cell in the unit of its line widths."""
+    """Draws on a canvas; `scale` is the width of a cell in the unit of its line widths.
+
+    `poses` takes points of a module on its way, shape (n, 3), from where it was to where it is.
+    """
 
     canvas: Canvas
     box: Box
     scale: float
     theme: Theme
+    poses: Mapping[int, Callable[[Points], Points]] = field(default_factory=dict, kw_only=True)
 
     def line(self, part: float, least: float = 0.4, most: float = 2.4) -> float:
         """Return a line width that is this part of a cell, within limits where there are any."""
@@ -169,7 +177,7 @@ class Pen:
     def palette(self, count: int) -> list[Colour]:
         """Return a colour for each module by number."""
         one = self.theme.modules
-        return palette(count) if one is None else [_parts_of(one)] * count
+        return palette(count) if one is None else [parts_of(one)] * count
 
     def discs(self, points: Iterable[Spot], radius: float, **style: Any) -> None:
         """Draw discs with a dark outline around these points, such as the joints of an arm."""
@@ -208,8 +216,8 @@ def arcs(
 class Solid:
     """A solid: a box, or a disc, which is a box with a round outline; lengths are in cells.
 
-    `angle` is in radians about the upward axis, from the first axis to the second; `size` are the
-    lengths before that turn. `word` is written on it, if it is not its number.
+    `angle` is in radians about `axis`, which points upwards unless a module rolls in space; `size`
+    are the lengths before that turn. `word` is written on it, if it is not its number.
     """
 
     middle: tuple[float, float, float]
@@ -217,6 +225,20 @@ class Solid:
     angle: float = 0.0
     is_round: bool = False
     word: str | None = None
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """Return its turn as x, y, z and w."""
+        x, y, z = (part * sin(self.angle / 2) for part in self.axis)
+        return x, y, z, cos(self.angle / 2)
+
+    def on_its_way(self, way: Way, part: float) -> Solid:
+        """Return the solid after a part of its way, 0 to 1."""
+        x, y, z = along(way, part, np.array(self.middle)).tolist()
+        angle = self.angle + part * sum(leg.turn for leg in way)
+        axis = next((leg.axis for leg in way if leg.turn), self.axis)
+        return replace(self, middle=(x, y, z), angle=angle, axis=axis)
 
 
 _HEIGHT, _THIN = 0.5, 0.2
@@ -262,14 +284,20 @@ def cell_of(place: Site) -> tuple[int, int]:
 
 
 def spot_of(system: System, place: Site) -> Spot | None:
-    """Return where the system says that a place lies; None if it does not say.
+    """Return where the system says that a place lies in a picture; None if it does not say.
 
-    Raises InputError if that is no point of the plane.
+    Raises InputError if that is no point of the plane or of space.
     """
     position = system.positions.get(place)
-    if position is not None and len(position) != 2:
-        raise InputError(f"position {position} of {place!r} cannot be drawn, expected two numbers")
-    return position
+    if position is not None and len(position) not in (2, 3):
+        raise InputError(f"position {position} of {place!r}: expected two or three numbers")
+    return None if position is None else flat(position)
+
+
+def flat(point: Sequence[float]) -> Spot:
+    """Return a point of the plane as it is, and one of space as pictures project it."""
+    x, y = point if len(point) == 2 else projection.project(np.array(point))[:2].tolist()
+    return x, y
 
 
 def known_places(scene: Scene) -> list[Site]:
@@ -338,21 +366,15 @@ class Body:
     word: str | None = None
 
 
-class Pivot(NamedTuple):
-    """How a module turns: about a point, by an angle in radians, counter-clockwise."""
-
-    about: Spot
-    turn: float
-
-
 @dataclass(frozen=True, slots=True)
 class MovingPart:
     """The parts of a style from which pictures that move are drawn.
 
     `behind` draws what lies below the modules and never changes, `before` what lies above them.
     `body` says how a module looks at a site. `outline` is that of every cell, shape (corners, 2);
-    bars are `thick`, in cells, with or without `joints` at their ends. `pivot` returns how a module
-    turns that an action takes from one site to another, None if it goes straight.
+    bars are `thick`, in cells, with or without `joints` at their ends. `way` returns how a module
+    moves that an action takes from one place to another, () for straight; without it no picture
+    shows a module between two places.
     """
 
     body: Callable[[Scene, Site], Body]
@@ -361,7 +383,7 @@ class MovingPart:
     outline: Points | None = None
     thick: float = 0.0
     joints: bool = False
-    pivot: Callable[[Action, Site, Site], Pivot | None] = lambda *_: None
+    way: Callable[[Action, Site, Site], Way] | None = None
 
 
 @dataclass(frozen=True, slots=True)

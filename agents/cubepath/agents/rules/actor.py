@@ -40,14 +40,9 @@ class Actor:
         """Make the rule for this module, with all that it knows; `doubt` decides hesitations."""
         self.note_length = rule.length(knowledge.modules, clock)
         self._clock = clock
-        self._who = f"rule {rule.name!r}, module_{knowledge.module}"
-        try:
-            with RuleBlame(self._who):
-                self._rule = rule.made(knowledge, clock)
-        except RuleError as error:
-            if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
-                raise error.__cause__ from None
-            raise
+        self._name = f"rule {rule.name!r}, module_{knowledge.module}"
+        with RuleBlame(self._name, making=True):
+            self._rule = rule.made(knowledge, clock)
         self._knowledge = knowledge
         self._hesitate = hesitate
         self._doubt = doubt
@@ -55,7 +50,7 @@ class Actor:
     def act(self, observation: Mapping[str, Array]) -> Choice:
         """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
-        with RuleBlame(self._who):
+        with RuleBlame(self._name):
             choice = as_choice(self._rule(view))
             if not is_legal(view.mask, choice.action):
                 legal = view.mask.nonzero()[0].tolist()
@@ -76,11 +71,15 @@ class Actor:
 
 
 class RuleBlame:
-    """Turns any error in a rule into one line that names the rule and its module."""
+    """Turns any error in a rule into one line that names the rule and its module.
 
-    def __init__(self, who: str) -> None:
+    An InputError while it is `making` the rule is left as it is: the rule does not fit the scene.
+    """
+
+    def __init__(self, name: str, *, making: bool = False) -> None:
         """Know who is to blame."""
-        self._who = who
+        self._name = name
+        self._making = making
 
     def __enter__(self) -> None:
         """Begin with the rule."""
@@ -88,10 +87,11 @@ class RuleBlame:
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         """Raise RuleError for what the rule has raised."""
         if isinstance(error, InputError):
-            raise RuleError(f"{self._who}: {error}") from error
-        if isinstance(error, (Exception, SystemExit)):
+            if not self._making:
+                raise RuleError(f"{self._name}: {error}") from error
+        elif isinstance(error, (Exception, SystemExit)):
             text = " ".join(str(error).split())
-            raise RuleError(f"{self._who}: {type(error).__name__}: {text}") from error
+            raise RuleError(f"{self._name}: {type(error).__name__}: {text}") from error
 
 
 def actors_for(
@@ -108,24 +108,29 @@ def actors_for(
 
     `sites` says where they stand; by default at the start of the scene.
     """
-    count = len(scene.start)
+    starts = dict(enumerate(scene.start)) if sites is None else sites
     return {
         module: Actor(
             rule,
-            InitialKnowledge(
-                system=scene.system,
-                module=module,
-                modules=count,
-                start=scene.start[module] if sites is None else sites[module],
-                goals=scene.goals[module] if scene.goals else (),
-                stream=stream(seed, module, RULE),
-            ),
+            knowledge_of(scene, module, starts[module], seed),
             hesitate=hesitate,
             doubt=stream(seed, module, HESITATE) if hesitate else None,
             clock=clock,
         )
-        for module in (range(count) if modules is None else modules)
+        for module in (range(len(scene.start)) if modules is None else modules)
     }
+
+
+def knowledge_of(scene: Scene, module: int, start: Site, seed: int) -> InitialKnowledge:
+    """Return what a module that begins at `start` knows from then on."""
+    return InitialKnowledge(
+        system=scene.system,
+        module=module,
+        modules=len(scene.start),
+        start=start,
+        goals=scene.goals[module] if scene.goals else (),
+        stream=stream(seed, module, RULE),
+    )
 
 
 def attempt_of(

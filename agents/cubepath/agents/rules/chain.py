@@ -70,7 +70,7 @@ from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule,
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 
 
 class StartNote(NamedTuple):
@@ -172,7 +172,7 @@ def _fits(system: System) -> bool:
     catalogue = system.catalogue
     if catalogue is None or catalogue.lattice != HEXAGONS:
         return False
-    both = (hex_catalogue(keeps_topology=keeps) for keeps in (True, False))
+    both = map(page_catalogue, ("hexagons-1", "hexagons-2"))
     # By content: a file may list generators and cells in another order.
     mine, one, other = (
         {move.action for move in known.proposals((0, 0))} for known in (catalogue, *both)

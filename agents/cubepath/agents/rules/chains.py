@@ -31,6 +31,7 @@ date. Moves have the guards of `chain`.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 from cubepath.agents.local.observation import View
@@ -72,7 +73,7 @@ class _Module:
         self._system = knowledge.system
         self._count = len(goals)
         self._goal = Row(goals[0], along(goals[0], goals[-1])[1] or (0, 0), len(goals))
-        self._route: tuple[Row, Stages] | None = None
+        self._stages = lru_cache(maxsize=1)(self._with_room)
 
     def choose(self, view: View, known: Progress | None) -> Choice:
         """Go to the next stage, or move in this one."""
@@ -113,25 +114,19 @@ class _Module:
             row = known.start(self._count)
             place, way = along(row.first, here)
             if way in (None, ahead) and (after in beside) == (place < self._count - 1):
-                return self._told(known)
+                return self._announce(known)
         return Choice(failed=f"no straight chain of {self._count} modules stands at {here}")
 
-    def _told(self, known: Progress) -> Choice:
-        """Say what the start is, unless there is no room for a way to the goal."""
+    def _announce(self, known: Progress) -> Choice:
+        """Announce the start, unless there is no room for a way to the goal."""
         try:
             self._stages(known.start(self._count))
         except InputError as error:
             return Choice(failed=str(error))
         return Choice(note=known)
 
-    def _stages(self, start: Row) -> Stages:
-        """Return the first route for which there is room; InputError if there is none."""
-        if self._route is None or self._route[0] != start:
-            self._route = start, self._with_room(start)
-        return self._route[1]
-
     def _with_room(self, start: Row) -> Stages:
-        """Return that route, found anew."""
+        """Return the first route for which there is room; InputError if there is none."""
         refused = InputError("")
         for stages in routes(start, self._goal):
             ends = [start, *(Row(task.head, task.ahead, task.count) for task in stages)]

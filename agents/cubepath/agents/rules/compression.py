@@ -96,9 +96,8 @@ def way(pattern: int, q: int, r: int) -> int:
 _way = compiled(way)
 
 
-def _around(site: Site) -> list[Site]:
-    q, r = HEXAGONS.check(site)
-    return [(q + along, r + up) for along, up in HEX_DIRECTIONS]
+def _around(site: Site) -> tuple[Site, ...]:
+    return HEXAGONS.beside(HEXAGONS.check(site))
 
 
 def _turn(move: Move) -> int:

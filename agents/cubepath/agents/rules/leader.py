@@ -10,8 +10,9 @@ leader here searches, and its memory is not constant.
 
 *Hearing.* At first every module says where it and all others stand, and the least rank, as far as
 it has heard. No module moves before the first order, so what it says stays true.
-*Electing.* Who knows all places has heard all ranks. By `Election`, the module of the least one is
-the leader, and nobody else orders, even while some that have not heard of it see modules move.
+*Electing.* A module that knows all places has heard all ranks. By `Election`, the module of the
+least one is the leader, and no other gives orders, even while modules that have not heard of it see
+others move.
 *Searching.* The leader looks for a path of single moves to the goal by `TwoSidedSearch`,
 `EXPANDED` states a round, guided by `shape_estimate`.
 *Ordering.* It says the next moves of the path as a batch of `Orders`, which others repeat. A module
@@ -168,12 +169,12 @@ class _Module:
 
     def choose_free(self, view: View) -> Choice:
         """Choose at any time: first write what is known, then make a move and write that."""
-        said = view.register
-        before = Orders.of(said, self._knowledge.modules) if said else self._known
+        register = view.register
+        before = Orders.of(register, self._knowledge.modules) if register else self._known
         orders = self._led(self._heard(before, view), before)
         if orders is None:
             return self._given_up()
-        if said is None or orders != before:
+        if register is None or orders != before:
             return Choice(note=orders.note())
         due = self._due(orders)
         action = _action(view, due)

@@ -13,6 +13,7 @@ commute with it are done. Moves that are due at the same time commute, so none i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from cubepath.agents.local.observation import SILENT, Note
@@ -58,6 +59,7 @@ class Orders(NamedTuple):
         return cls(0, 0, (), (None,) * modules, election)
 
     @classmethod
+    @lru_cache(maxsize=1024)  # the same note is heard again and again
     def of(cls, note: Note, modules: int) -> Orders:
         """Read a note back."""
         elected = Election.note_length(modules)

@@ -143,8 +143,8 @@ class _Vehicle(PushedVehicle[PushNote]):
         else:
             self._away += 1
         self._look_at_dead_ends(self._graph.index[place] for place in view.system.reach(view.place))
-        said = self._decide()
-        return Choice(self._action(view, said.want), tuple(said), self._failed())
+        note = self._decide()
+        return Choice(self._action(view, note.want), tuple(note), self._failed())
 
     def _rank_last(self) -> None:
         self._at_goal = self._round
@@ -182,8 +182,8 @@ class _Vehicle(PushedVehicle[PushNote]):
 
     def _heard_pull(self) -> PushNote | None:
         """Return the strongest pull that this vehicle must follow, or has just followed, if any."""
-        heeded = [said for said in self._heard.values() if self._place in (said.pulled, said.left)]
-        return min((said for said in heeded if said.key < self._key), default=None)
+        heeded = [note for note in self._heard.values() if self._place in (note.pulled, note.left)]
+        return min((note for note in heeded if note.key < self._key), default=None)
 
     def _follow(self, pull: PushNote) -> PushNote:
         """Enter the vertex that the puller has left; who stands there waits for the next order."""
@@ -303,8 +303,8 @@ class _Vehicle(PushedVehicle[PushNote]):
         return pull._replace(pusher=here, pushed=self._target)
 
     def _closed(self, key: Key) -> set[int]:
-        stronger = [said for said in self._heard.values() if said.key < key]
-        return super()._closed(key).union(*((said.want, said.left) for said in stronger))
+        stronger = [note for note in self._heard.values() if note.key < key]
+        return super()._closed(key).union(*((note.want, note.left) for note in stronger))
 
 
 PIBT = RuleType(

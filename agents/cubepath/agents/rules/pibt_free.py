@@ -109,7 +109,7 @@ class FreePibtVehicle(PushedVehicle[PushRegister]):
         if mine.moves > most:
             goal = self._knowledge.goals[0]
             return Choice(failed=f"more than {most} moves for the goal {goal!r}: others block it")
-        push = min(self._pushes(self._key), key=lambda said: said.push, default=None)
+        push = min(self._pushes(self._key), key=lambda note: note.push, default=None)
         if push is not None:
             return self._give_way(view, push)
         return self._say(self._idle()) if self._place == self._goal else self._go(view)
@@ -132,7 +132,7 @@ class FreePibtVehicle(PushedVehicle[PushRegister]):
 
     def _later(self, push_time: int = 0) -> int:
         """Return a time that is later than all that it knows of."""
-        times = (said.time for said in self._heard.values())
+        times = (note.time for note in self._heard.values())
         return 1 + max(self._mine.time, push_time, *times, 0)
 
     def _move(self, view: View, to: int, push_time: int = 0) -> Choice:

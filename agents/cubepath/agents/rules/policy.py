@@ -41,8 +41,6 @@ from cubepath.protocol.core.system import System
 Policy: TypeAlias = Callable[..., Any]
 """From an observation and an action mask to an action, or from rows of them to a row of actions."""
 
-_WHY_FREE = "every commit is a legal move, and nothing more is promised"
-
 
 def policy_rule(
     name: str,
@@ -92,12 +90,14 @@ def policy_rule(
             " and an action mask"
         )
     relative = checked_showing(observation) == "relative"
-    told = (inspect.getdoc(policy) or "").partition("\n")[0] if inspect.isroutine(policy) else ""
+    described = (
+        (inspect.getdoc(policy) or "").partition("\n")[0] if inspect.isroutine(policy) else ""
+    )
 
     def make(knowledge: InitialKnowledge) -> Rule:
         return _for_one(policy, knowledge, relative=relative, batched=batched, random=random)
 
-    # Who asks whether a rule keeps anything outside its modules looks where it was made.
+    # The check that a rule keeps nothing outside its modules looks where the rule was made.
     make.__module__ = getattr(policy, "__module__", None) or make.__module__
 
     def vectorised(knowledge: VectorKnowledge) -> VectorRule:
@@ -105,17 +105,13 @@ def policy_rule(
 
     return RuleType(
         name=name,
-        summary=summary or told.rstrip(".") or f"a policy over {observation} observations",
+        summary=summary or described.rstrip(".") or f"a policy over {observation} observations",
         source=source or getattr(policy, "__module__", None) or type(policy).__module__,
-        fits=fits or _fits_all,
+        fits=fits or (lambda _: True),
         make=make,
-        free=FreeRule(why=_WHY_FREE),
+        free=FreeRule(why="every commit is a legal move, and nothing more is promised"),
         vectorised=vectorised if batched else None,
     )
-
-
-def _fits_all(_system: System) -> bool:
-    return True
 
 
 def _for_one(
@@ -261,12 +257,12 @@ def network_rule(name: str, network: PolicyNetwork, *, deterministic: bool) -> R
 
 def _content(network: PolicyNetwork, *, deterministic: bool) -> str:
     """Return a hash of all that decides what a network chooses."""
-    told = sha256(f"{network.observation} {deterministic}".encode())
+    digest = sha256(f"{network.observation} {deterministic}".encode())
     for layer in network.layers:
-        told.update(f" {layer.weight.shape} {layer.activation} ".encode())
-        told.update(np.ascontiguousarray(layer.weight, "<f8").tobytes())
-        told.update(np.ascontiguousarray(layer.bias, "<f8").tobytes())
-    return told.hexdigest()
+        digest.update(f" {layer.weight.shape} {layer.activation} ".encode())
+        digest.update(np.ascontiguousarray(layer.weight, "<f8").tobytes())
+        digest.update(np.ascontiguousarray(layer.bias, "<f8").tobytes())
+    return digest.hexdigest()
 
 
 def _shape_of(system: System, showing: Showing) -> tuple[int, int]:

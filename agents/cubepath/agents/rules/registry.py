@@ -12,10 +12,8 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from hashlib import sha256
-from importlib.machinery import SourceFileLoader
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path, PurePath
-from types import CodeType
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from cubepath.agents.rules.actor import actors_for
@@ -44,18 +42,6 @@ if TYPE_CHECKING:
 
 RULE_MODULE = "cubepath_rule_"
 """How the names of the modules begin that such files become."""
-
-
-class _AsRead(SourceFileLoader):
-    """Runs a file as it was read; what Python compiled of it before may be of another text."""
-
-    def __init__(self, name: str, path: Path, text: bytes) -> None:
-        super().__init__(name, str(path))
-        self._text = text
-
-    def get_code(self, fullname: str) -> CodeType:  # noqa: ARG002 - there is one
-        """Return the code of what was read."""
-        return self.source_to_code(self._text, self.path)
 
 
 def is_in_file(name: str) -> bool:
@@ -120,13 +106,11 @@ def rule_in_file(name: str) -> RuleType:
         why = "is a folder" if path.is_dir() else f"cannot be read: {error.strerror or error}"
         raise InputError(f"{file}: {why}, expected FILE.py:NAME of a rule") from None
     title = f"{RULE_MODULE}{path.stem}"
-    spec = spec_from_file_location(title, path, loader=_AsRead(title, path, text))
-    if spec is None or spec.loader is None:
-        raise InputError(f"{file}: no such file, expected FILE.py:NAME of a rule")
-    module = module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses and pickles look there
+    module = sys.modules[title] = ModuleType(title)  # dataclasses and pickles look there
+    module.__file__ = str(path)
     try:
-        spec.loader.exec_module(module)
+        # As it was read: what Python compiled of it before may be of another text.
+        exec(compile(text, path, "exec"), vars(module))  # noqa: S102 - that is what you ask for
     except (Exception, SystemExit) as error:
         why = " ".join(str(error).split())
         raise InputError(f"{file}: {type(error).__name__}: {why}") from error
@@ -265,9 +249,9 @@ _TRIED = 16
 
 
 def own_rule(scene: Scene) -> str:
-    """Return the name of the rule of the scene's family; ``random`` if the scene has no goal."""
+    """Return the scene's rule, or its family's; ``random`` if there is none or it has no goal."""
     family = sound_family(scene.family)
-    rule = family.rule if family is not None else ""
+    rule = scene.rule or (family.rule if family is not None else "")
     return "random" if not rule or (rule == METROPOLIS.name and scene.goal is None) else rule
 
 

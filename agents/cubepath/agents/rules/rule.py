@@ -59,9 +59,7 @@ class InitialKnowledge:
     @property
     def label(self) -> int | None:
         """Return the module's label in a labelled system."""
-        if self.system.labels is None or not isinstance(self.start, tuple):
-            return None
-        return int(self.start[1])
+        return self.system.label_of(self.start)
 
     def relative(self) -> RelativeObserver:
         """Return what makes the relative observations of this module from its views' `numbers`.

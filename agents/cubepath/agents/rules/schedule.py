@@ -43,37 +43,32 @@ def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
 
 
 def _follow(moves: OwnMoves) -> Rule:
-    due = {number: (placed.generator, placed.at) for number, placed in moves.items()}
     rounds = 0
 
     def choose(view: View) -> int | Choice:
         nonlocal rounds
         rounds += 1
-        return _found(view, *due[rounds]) if rounds in due else STAY
+        return move_due(view, moves[rounds]) if rounds in moves else STAY
 
     return choose
 
 
 def move_due(view: View, placed: GeneratorPlacement) -> Choice:
     """Return the choice of a move by its name; of none, with the reason, if it cannot be made."""
-    return _found(view, placed.generator, placed.at)
-
-
-def _found(view: View, generator: str, at: Site) -> Choice:
-    move = view.system.move_named(view.site, generator, at)
+    move = view.system.move_named(view.site, placed.generator, placed.at)
     if move is None:
-        return Choice(failed=_none_such(generator, at, view))
+        return Choice(failed=_none_such(placed, view))
     action = 1 + view.moves.index(move)
     return Choice(action) if view.mask[action] else Choice(failed=why_not(move, view))
 
 
-def _none_such(generator: str, at: Site, view: View) -> str:
+def _none_such(placed: GeneratorPlacement, view: View) -> str:
     """Return why there is no such move: an obstacle in its way, or the module stands elsewhere."""
     try:
-        view.system.action(generator, at)
+        view.system.read_action(placed)
     except InputError as error:
         return str(error)
-    return f"{named(generator, at)} is no move from {site_text(view.site)}"
+    return f"{named(placed.generator, placed.at)} is no move from {site_text(view.site)}"
 
 
 def why_not(move: Move, view: View) -> str:
@@ -140,11 +135,11 @@ class RecordedChoices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
 
-def as_recorded(told: RecordedChoices) -> RuleType:
+def as_recorded(recorded: RecordedChoices) -> RuleType:
     """Return the rule by which each module chooses what it chose in the recording."""
 
     def make(knowledge: InitialKnowledge) -> Rule:
-        return _repeat(told.choices[knowledge.module])
+        return _repeat(recorded.choices[knowledge.module])
 
     return RuleType(
         name=RECORDED,
@@ -152,7 +147,7 @@ def as_recorded(told: RecordedChoices) -> RuleType:
         source="own, see cubepath.agents.rules.schedule",
         fits=lambda _: True,
         make=make,
-        note_length=lambda _: told.note_length,
+        note_length=lambda _: recorded.note_length,
     )
 
 

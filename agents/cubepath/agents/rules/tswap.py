@@ -106,7 +106,7 @@ class _Vehicle(Vehicle[ExchangeNote]):
     def __init__(self, knowledge: InitialKnowledge) -> None:
         super().__init__("tswap", knowledge, ExchangeNote)
         self._place = self._graph.index[knowledge.start]
-        self._said = ExchangeNote(self._goal, NOBODY, NOBODY, NOBODY, 0, 0, 0, 0, NOBODY)
+        self._note_out = ExchangeNote(self._goal, NOBODY, NOBODY, NOBODY, 0, 0, 0, 0, NOBODY)
         self._want = self._next(self._place, self._goal, ())
         self._second = self._want
         self._blocked = NOBODY  # earlier rounds blocked by the same vehicle
@@ -140,18 +140,18 @@ class _Vehicle(Vehicle[ExchangeNote]):
     def _new_goal(self) -> int | None:
         """Return the goal that an exchange or a rotation brings in this round, if any."""
         here, want = self._place, self._want
-        behind = {at: said for at, said in self._heard.items() if said.want(at) == here}
+        behind = {at: note for at, note in self._heard.items() if note.want(at) == here}
         if self._goal == here:
-            return max((said.goal for said in behind.values()), default=None)
+            return max((note.goal for note in behind.values()), default=None)
         if want not in self._heard:
             return None
         if self._heard[want].goal == want:
-            rivals = [said.goal for at, said in self._heard.items() if said.want(at) == want != at]
+            rivals = [note.goal for at, note in self._heard.items() if note.want(at) == want != at]
             return want if self._goal > max(rivals, default=NOBODY) else None
-        for said in behind.values():
-            if said.countdown == 1:
-                return said.goal
-        return None if self._said.grant != NOBODY else self._round_goal(behind)
+        for note in behind.values():
+            if note.countdown == 1:
+                return note.goal
+        return None if self._note_out.grant != NOBODY else self._round_goal(behind)
 
     def _round_goal(self, behind: Mapping[int, ExchangeNote]) -> int | None:
         """Return the goal behind this vehicle in a short blocked cycle, in which nobody grants."""
@@ -166,9 +166,9 @@ class _Vehicle(Vehicle[ExchangeNote]):
 
     def _exchanged(self) -> int:
         """Return the goal after the exchange that this vehicle granted, or that it was granted."""
-        here, grant = self._place, self._said.grant
+        here, grant = self._place, self._note_out.grant
         back, front = (here, self._want) if grant == NOBODY else (grant, here)
-        notes = {**self._heard, here: self._said}
+        notes = {**self._heard, here: self._note_out}
         if front not in notes or notes[front].grant != back or not self._gains(back, front, notes):
             return self._goal
         return notes[front if back == here else back].goal
@@ -191,7 +191,7 @@ class _Vehicle(Vehicle[ExchangeNote]):
     def _grant(self, mine: ExchangeNote) -> int:
         """Return where the vehicle stands behind this one with which it may exchange goals."""
         here, notes = self._place, {**self._heard, self._place: mine}
-        behind = {at: said for at, said in self._heard.items() if said.want(at) == here}
+        behind = {at: other for at, other in self._heard.items() if other.want(at) == here}
         short_cycle = self._round_goal(behind) is not None
         if self._blocked < 1 or short_cycle or self._knowledge.random.random() < 0.5:
             return NOBODY
@@ -202,12 +202,12 @@ class _Vehicle(Vehicle[ExchangeNote]):
     def _wait(self) -> tuple[int, int]:
         """Wait behind a vehicle that is not at its goal; return the probe to say."""
         self._blocked += 1
-        behind = [said.height for at, said in self._heard.items() if said.want(at) == self._place]
+        behind = [note.height for at, note in self._heard.items() if note.want(at) == self._place]
         self._height = min(SEEN_WHOLE, 1 + max(behind, default=-1))
         self._countdown = max(self._countdown - 1, 0)
-        for at, said in self._heard.items():
-            if said.countdown > 1 and said.want(at) == self._place:
-                self._countdown = said.countdown - 1
+        for at, note in self._heard.items():
+            if note.countdown > 1 and note.want(at) == self._place:
+                self._countdown = note.countdown - 1
         ahead = self._heard[self._want]
         number, hops = ahead.probe, ahead.hops + 1
         probe = (self._knowledge.module, 0)
@@ -237,9 +237,9 @@ class _Vehicle(Vehicle[ExchangeNote]):
         pairs = [
             (min(here, way), max(here, way), way)
             for way in self._roads.nearer(here, self._goal)
-            if (said := self._heard.get(way)) is not None
-            and not said.held
-            and here in self._roads.nearer(way, said.goal)
+            if (note := self._heard.get(way)) is not None
+            and not note.held
+            and here in self._roads.nearer(way, note.goal)
         ]
         return min(pairs)[2] if pairs else self._want
 
@@ -248,7 +248,7 @@ class _Vehicle(Vehicle[ExchangeNote]):
         held = int(self._passed_on or self._countdown > 0)
         known = self._goal, self._want, self._second, *probe, self._countdown, held, self._height
         note = ExchangeNote(*known, grant=NOBODY)
-        note = self._said = note._replace(grant=self._grant(note))
+        note = self._note_out = note._replace(grant=self._grant(note))
         return Choice(self._action(view, self._want), tuple(note), self._failed)
 
 

@@ -41,7 +41,7 @@ from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, RuleT
 from cubepath.protocol.core.catalogue import HEXAGONS, Cell
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
-from cubepath.protocol.scenes.families.hexagons import tunnel_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 
 _UNKNOWN = 0
 """In a note: the direction is not known."""
@@ -97,7 +97,8 @@ class _Module:
 
 def _fits(system: System) -> bool:
     """Return whether the moves are the tunnel's, in a channel with a floor and a ceiling."""
-    return system.catalogue == tunnel_catalogue() and bool(system.filled and system.empty)
+    walls = bool(system.filled and system.empty)
+    return walls and system.catalogue == page_catalogue("hexagons-tunnel")
 
 
 TUNNEL = RuleType(

@@ -40,7 +40,7 @@ class TwoSidedSearch(Generic[S]):
         self._turn = 0
 
     def expand(self, most: int) -> bool:
-        """Expand at most so many states; return whether the search is over."""
+        """Expand at most this many states; return whether the search is over."""
         for _ in range(most):
             side, other = self._sides[self._turn], self._sides[1 - self._turn]
             if self.path is not None or not side.queue:

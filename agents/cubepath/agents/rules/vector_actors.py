@@ -69,20 +69,15 @@ def vector_actors_for(
         streams=partial(streams_of, seeds, modules, RULE),
         shared_streams=partial(shared_streams_of, seeds),
     )
-    who = f"rule {rule.name!r}, vectorised"
-    try:
-        with RuleBlame(who):
-            made = rule.vectorised(knowledge)
-    except RuleError as error:
-        if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
-            raise error.__cause__ from None
-        raise
+    name = f"rule {rule.name!r}, vectorised"
+    with RuleBlame(name, making=True):
+        made = rule.vectorised(knowledge)
     if made is None:
         return None
     doubts = streams_of(seeds, modules, HESITATE) if hesitate else None
     length = rule.length(modules)
     return VectorActors(
-        made, knowledge, note_length=length, hesitate=hesitate, doubts=doubts, who=who
+        made, knowledge, note_length=length, hesitate=hesitate, doubts=doubts, name=name
     )
 
 
@@ -102,13 +97,13 @@ class VectorActors:
         note_length: int,
         hesitate: float,
         doubts: Streams | None,
-        who: str,
+        name: str,
     ) -> None:
         """Take a rule with what it knows; `doubts` decide hesitations, `who` is blamed."""
         self._rule = rule
         self._hesitate = hesitate
         self._doubts = doubts
-        self._who = who
+        self._name = name
         system = knowledge.system
         each = (knowledge.environments, knowledge.modules)
         self._expected: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
@@ -150,7 +145,7 @@ class VectorActors:
         # Of one memory layout, and writable: for another everything would be compiled once more.
         seen = VectorView(*[np.require(array, requirements=["C", "W"]) for array in given[:4]])
         actions = np.full(out.shape, STAY, np.int32)
-        with RuleBlame(self._who):
+        with RuleBlame(self._name):
             gave_up = sorted(self._rule(seen, VectorChoice(actions, self.notes)), reverse=True)
         # By environment the first module, which comes last.
         self.failed = {e: f"module_{module}: {' '.join(why.split())}" for e, module, why in gave_up}
@@ -175,11 +170,11 @@ class VectorActors:
             environment, module = divmod(wrong, actions.shape[1])
             legal = seen.action_mask[environment, module].nonzero()[0].tolist()
             raise RuleError(
-                f"{self._who}, module_{module}: chose action {actions[environment, module]},"
+                f"{self._name}, module_{module}: chose action {actions[environment, module]},"
                 f" legal were {legal}"
             )
         if (self.notes == SILENT).any():
-            raise RuleError(f"{self._who}: a note with {SILENT}, expected more and an int32")
+            raise RuleError(f"{self._name}: a note with {SILENT}, expected more and an int32")
 
 
 @compiled

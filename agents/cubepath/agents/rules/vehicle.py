@@ -13,7 +13,7 @@ from cubepath.protocol.core.errors import InputError
 NOWHERE = -1
 """In a note or a register, and for a vehicle: no vertex."""
 Key: TypeAlias = tuple[int, ...]
-"""Who is stronger: the smaller key."""
+"""The priority of a vehicle: the smaller key is stronger."""
 
 
 class Push(Protocol):
@@ -68,7 +68,7 @@ class Vehicle(Generic[NoteT]):
         """Note where it stands, what it hears, and which neighbours are occupied."""
         index = self._graph.index
         self._place = index[view.place]
-        self._heard = {index[place]: self._note(*said) for place, said in view.notes.items()}
+        self._heard = {index[place]: self._note(*note) for place, note in view.notes.items()}
         self._taken = {index[place] for place in view.occupied}
 
     def _lost(self) -> str | None:
@@ -96,21 +96,21 @@ class PushedVehicle(Vehicle[PushT]):
     def _pushes(self, key: Key) -> list[PushT]:
         """Return the pushes that a vehicle with this key must follow."""
         return [
-            said
+            note
             for at in self._roads.near[self._place]
-            if (said := self._heard.get(at)) is not None
-            and said.pushes(at)
-            and said.key < key
-            and self._place in self._roads.deeper(said.pusher, said.pushed, at)
+            if (note := self._heard.get(at)) is not None
+            and note.pushes(at)
+            and note.key < key
+            and self._place in self._roads.deeper(note.pusher, note.pushed, at)
         ]
 
     def _closed(self, key: Key) -> set[int]:
         """Return the vertices that are closed to a vehicle with this key."""
         return {
             vertex
-            for at, said in self._heard.items()
-            if said.key < key and said.pushes(at)
-            for vertex in self._roads.deeper(said.pusher, said.pushed, at)
+            for at, note in self._heard.items()
+            if note.key < key and note.pushes(at)
+            for vertex in self._roads.deeper(note.pusher, note.pushed, at)
         }
 
     def _best(self, ways: Iterable[int], closed: Collection[int]) -> int:

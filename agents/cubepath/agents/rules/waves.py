@@ -37,7 +37,7 @@ class Gradient(NamedTuple):
     """
 
     module: int
-    """Who says this."""
+    """The module that sends this."""
     hops: int
     """To the nearest source; the number of modules if none is known."""
     parent: int
@@ -129,7 +129,7 @@ class Token(NamedTuple):
     """
 
     module: int
-    """Who says this."""
+    """The module that sends this."""
     passes: int
     """How often the token had been given when it came here; at first 1 with it, else 0."""
     to: int

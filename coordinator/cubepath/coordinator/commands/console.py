@@ -13,6 +13,7 @@ import signal
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import FrameType
@@ -27,8 +28,8 @@ CLOSED_PIPE = 141
 """The exit code that a shell reports for a program killed by SIGPIPE."""
 
 _AGAIN_S = 0.01
-_IMPORT_S_MAX = 2.0
-"""Seconds that an interrupt waits for an import, which may be that of a user's own file."""
+_WAIT_S_MAX = 2.0
+"""Seconds that an interrupt waits at most: an import may be that of a user's own file."""
 
 SYSTEM_HELP = "NAME, NAME:key=value,... or a .toml file; see 'cubepath system list' (default hex)"
 
@@ -38,8 +39,9 @@ class Interrupts:
 
     The exception lets half-written files be removed. The flag is needed because a compiler may
     swallow the exception. During an import it waits until that is over, for a while: a module that
-    is half imported, or compiled, may not survive it. It does nothing outside the main thread, and
-    leaves signals alone that already have another handler.
+    is half imported, or compiled, may not survive it. So it does during a finalizer, out of which
+    no exception comes, and while `subprocess` starts a process, which nobody would end. It does
+    nothing outside the main thread, and leaves signals alone that already have another handler.
     """
 
     def __init__(self) -> None:
@@ -48,7 +50,7 @@ class Interrupts:
         self._before: dict[int, Any] = {}
         self._sending = threading.Lock()
         self._since: float | None = None
-        """When the first signal came that waits for the end of an import."""
+        """When the first signal came that waits."""
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
@@ -67,9 +69,9 @@ class Interrupts:
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.came = True
-        if _is_importing(frame):
+        if _must_wait(frame):
             self._since = self._since or time.monotonic()
-            if time.monotonic() < self._since + _IMPORT_S_MAX:
+            if time.monotonic() < self._since + _WAIT_S_MAX:
                 _thread.start_new_thread(self._send_again, (number,))
                 return
         self._since = None
@@ -83,10 +85,13 @@ class Interrupts:
                 signal.pthread_kill(cast("int", threading.main_thread().ident), number)
 
 
-def _is_importing(frame: FrameType | None) -> bool:
-    """Return whether a module is being imported where a signal has come."""
+def _must_wait(frame: FrameType | None) -> bool:
+    """Return whether a signal came in an import, a finalizer, or the start of a process."""
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
+        file, name = frame.f_code.co_filename, frame.f_code.co_name
+        if file.startswith("<frozen importlib") or file == weakref.__file__:
+            return True
+        if name == "_execute_child":  # of `subprocess`, which is not imported for this
             return True
         frame = frame.f_back
     return False

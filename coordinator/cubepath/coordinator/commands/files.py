@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import STANDARD_INPUT, Source, opened
@@ -33,6 +34,12 @@ def _path(text: str) -> Path:
     if not text:  # as a path it would be the current folder
         raise argparse.ArgumentTypeError("expected a file, found ''")
     return Path(text)
+
+
+def add_out(parser: Any, metavar: str, what: str, *, folder: bool = False, **more: Any) -> None:
+    """Add ``--out``, which names `what` is written; `more` are arguments of argparse."""
+    kind = Path if folder else output_path
+    parser.add_argument("-o", "--out", type=kind, metavar=metavar, help=what, **more)
 
 
 def file_name(path: Path) -> str:

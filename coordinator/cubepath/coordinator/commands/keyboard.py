@@ -23,7 +23,7 @@ from cubepath.coordinator.commands.console import complain, silence
 from cubepath.protocol.core.errors import CubepathError
 
 if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.playback.machine import Order, PlayerStatus
+    from cubepath.coordinator.playback.machine import PlayerStatus
 from cubepath.coordinator.playback.player import Player
 
 HELP = (
@@ -74,13 +74,9 @@ def keys_in(data: bytes) -> list[str]:
     return [_NAMES.get(each) or each.decode("ascii", "replace") for each in found]
 
 
-def order_of(key: str, start: str) -> Order | None:
+def order_of(key: str, start: str) -> tuple[str, dict[str, str]] | None:
     """Return what a key orders; None if nothing. `start` is where the replay begins."""
-    from cubepath.coordinator.playback.machine import read_order  # noqa: PLC0415
-
-    if key == "0":
-        return read_order("seek", {"to": start})
-    return None if key not in _ORDERS else read_order(*_ORDERS[key])
+    return ("seek", {"to": start}) if key == "0" else _ORDERS.get(key)
 
 
 def status_line(status: PlayerStatus, step: str) -> str:
@@ -193,7 +189,7 @@ def _press(player: Player, key: str, start: str) -> None:
             complain(HELP)
         return
     try:
-        player.order(order)
+        player.order(order[0], **order[1])
     except CubepathError as error:
         if not player.over:
             _show("")

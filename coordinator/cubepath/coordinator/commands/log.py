@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands import recordings
 from cubepath.coordinator.commands.console import DONE, answer, complain, progress_bar
-from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
+from cubepath.coordinator.commands.files import Output, add_out, check_files, input_path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
 
@@ -41,13 +41,8 @@ def add_log_recover(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``log recover``."""
     parser.set_defaults(command=_recover)
     parser.add_argument("source", type=input_path, metavar="LOG", help="a damaged recording")
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=output_path,
-        required=True,
-        metavar="OUT",
-        help="the new recording; exit code 2 only if nothing can be read",
+    add_out(
+        parser, "OUT", "the new recording; exit code 2 only if nothing can be read", required=True
     )
     parser.add_argument("--system", metavar="SYSTEM", help="the system of the run, if it is lost")
     parser.add_argument(
@@ -65,7 +60,7 @@ def _recover(options: argparse.Namespace) -> int:
     The exit code says whether there is anything of it, since that it is damaged is known.
     """
     from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
-    from cubepath.coordinator.auditing.playing import audit, unused_rules  # noqa: PLC0415
+    from cubepath.coordinator.auditing.rule_audit import audit, unused_rules  # noqa: PLC0415
     from cubepath.coordinator.verification.recovery import recover, with_told_scene  # noqa: PLC0415
     from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
     from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
@@ -82,7 +77,7 @@ def _recover(options: argparse.Namespace) -> int:
         recording = remains.recording()
         if recording is not None:
             recordings.check_used(options.rule, unused_rules(recording, options.rule))
-        told = (
+        reply = (
             _alone(remains)
             if recording is None
             else recordings.verified(recording, audit(recording, bar.update, rules=options.rule))
@@ -90,20 +85,20 @@ def _recover(options: argparse.Namespace) -> int:
     try:
         saved = recover(recording or remains, options.out)
     finally:
-        answer(options, told.document, told.text)
+        answer(options, reply.document, reply.text)
     step = "level" if remains.format == FREE_FORMAT else "whole round"
     known = "" if recording is None else f", {counted(saved.rounds, step)}"
     complain(f"{saved.out}: {counted(saved.messages, 'message')} written{known}")
-    for each in told.complaints:
+    for each in reply.complaints:
         complain(each)
     if scene is not None and "scene is lost" in " ".join(remains.problems):
-        _doubt(told, scene.spec)
+        _doubt(reply, scene.spec)
     return DONE
 
 
-def _doubt(told: recordings.RecordingAnswer, system: str) -> None:
+def _doubt(reply: recordings.RecordingAnswer, system: str) -> None:
     """Say which checks fail with a scene that you supplied: maybe it is another one."""
-    checks = told.document.get("checks", ())
+    checks = reply.document.get("checks", ())
     damage = ("readable", "complete")
     wrong = [each["name"] for each in checks if not each["ok"] and each["name"] not in damage]
     if wrong:
@@ -121,9 +116,9 @@ def _scene(options: argparse.Namespace) -> Scene | None:
 
 def _alone(remains: Remains) -> recordings.RecordingAnswer:
     """Return what to report about messages whose scene is lost."""
-    told = remains.parameters.get("system", "SYSTEM")
+    system = remains.parameters.get("system", "SYSTEM")
     why = f"{remains.path}: its scene is lost, so the messages are recovered alone"
-    hint = f"the same with --system {told} makes a recording of them"
+    hint = f"the same with --system {system} makes a recording of them"
     document = {"ok": False, "messages": len(remains.records), "problems": [*remains.problems]}
     text = "\n".join(map(visible, remains.problems))
     return recordings.RecordingAnswer(document, text, complaints=(f"{why}; {hint}",))

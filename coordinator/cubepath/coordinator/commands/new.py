@@ -16,10 +16,12 @@ from string import Template
 from tempfile import mkdtemp
 
 from cubepath.coordinator.commands.console import DONE, answer
+from cubepath.coordinator.commands.files import add_out
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
-from cubepath.protocol.core.output_files import unwritable
+from cubepath.protocol.core.output_files import unwritable, written_whole
 
+_TEMPLATES = files("cubepath.coordinator.commands") / "templates"
 _NAME = re.compile(r"[A-Za-z](?:[A-Za-z0-9_]*[A-Za-z0-9])?")
 """An identifier of Python that is also the name of a distribution, with "-" for "_"."""
 
@@ -36,11 +38,14 @@ def add_system_new(parser: argparse.ArgumentParser) -> None:
 
 def _add_new(new: argparse.ArgumentParser, kind: str) -> None:
     new.set_defaults(command=_new, kind=kind)
-    new.add_argument("name", metavar="NAME", help="what it is called, an identifier of Python")
-    new.add_argument("-o", "--out", type=Path, metavar="DIR", help="the new folder (default: NAME)")
+    page = ", or NAME.toml for a system on a page" if kind == "system" else ""
+    new.add_argument("name", metavar="NAME", help=f"its name, an identifier of Python{page}")
+    add_out(new, "DIR", "the new folder (default: NAME)", folder=True)
 
 
 def _new(options: argparse.Namespace) -> int:
+    if options.kind == "system" and options.name.endswith(".toml"):
+        return _new_page(options)
     folder = options.out or Path(options.name)
     written = new_distribution(options.kind, options.name, folder)
     document = {"kind": options.kind, "name": options.name, "folder": str(folder), "files": written}
@@ -50,6 +55,23 @@ def _new(options: argparse.Namespace) -> int:
         + [f"install and test it: cd {where} && pip install -e '.[test]' && python -m pytest"]
     )
     answer(options, document, text)
+    return DONE
+
+
+def _new_page(options: argparse.Namespace) -> int:
+    """Write a page that runs, to begin with."""
+    path = Path(options.name)
+    if options.out is not None:
+        raise InputError("--out: is the folder of a distribution, expected none with a page")
+    if os.path.lexists(path):
+        raise InputError(f"{path}: exists already, expected a new file")
+    text = (_TEMPLATES / "system_page.template").read_text("utf-8")
+    with written_whole(path) as file:
+        file.write(text.encode())
+    where = visible(str(path))
+    lines = [where, f"try it: cubepath system check {where} && cubepath run {where}"]
+    document = {"kind": "page", "name": path.stem, "folder": str(path.parent), "files": [path.name]}
+    answer(options, document, "\n".join(lines))
     return DONE
 
 
@@ -119,8 +141,7 @@ def _texts(kind: str, name: str) -> dict[str, str]:
         f"{name}.py": f"{kind}_module",
         f"tests/test_{name}.py": f"{kind}_tests",
     }
-    templates = files("cubepath.coordinator.commands") / "templates"
     return {
-        path: Template((templates / f"{source}.template").read_text("utf-8")).substitute(filled)
+        path: Template((_TEMPLATES / f"{source}.template").read_text("utf-8")).substitute(filled)
         for path, source in sources.items()
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -34,10 +34,10 @@ class RecordingAnswer:
     complaints: tuple[str, ...] = ()
 
 
-def _complained(told: RecordingAnswer) -> int:
-    for each in told.complaints:
+def _complained(reply: RecordingAnswer) -> int:
+    for each in reply.complaints:
         console.complain(each)
-    return told.code
+    return reply.code
 
 
 def answer_each(
@@ -52,25 +52,25 @@ def answer_each(
     paths: list[Path] = options.logs
     if len(paths) == 1 and not os.path.isdir(paths[0]):  # noqa: PTH112 - never raises
         with console.progress_bar(None, what, " rounds") as bar:
-            told = one(paths[0], bar.update)
-        console.answer(options, told.document, told.text)
-        return _complained(told)
+            reply = one(paths[0], bar.update)
+        console.answer(options, reply.document, reply.text)
+        return _complained(reply)
     worst = console.DONE
     named = [each for path in paths for each in _named(path)]
     with console.progress_bar(len(named), what, " files") as bar:
         between = "[" if options.json else ""
         try:
             for path, error in named:
-                told = _unreadable(error) if error is not None else _tried(path, one)
+                reply = _unreadable(error) if error is not None else _tried(path, one)
                 bar.clear()
                 if options.json:
-                    document = {"log": file_name(path), **told.document}
+                    document = {"log": file_name(path), **reply.document}
                     console.say(f"{between}{json.dumps(document)}", end="")
                     between = ",\n"
-                elif told.text:
-                    console.say(f"{between}==> {visible(file_name(path))} <==\n{told.text}")
+                elif reply.text:
+                    console.say(f"{between}==> {visible(file_name(path))} <==\n{reply.text}")
                     between = "\n"
-                worst = max(worst, _complained(told))
+                worst = max(worst, _complained(reply))
                 bar.update()
         finally:
             if options.json:
@@ -117,10 +117,7 @@ def verified(
     recording: Recording, found: Verification, required: Sequence[str] = ()
 ) -> RecordingAnswer:
     """Return the answer on a recording that was verified; `required` names checks to be made."""
-    width = max(len(check.name) for check in found.checks)
-    lines = [
-        f"{_mark(check)}  {check.name:<{width}}  {check.detail}".rstrip() for check in found.checks
-    ]
+    lines = check_lines((_mark(check), check.name, check.detail) for check in found.checks)
     what = "level" if recording.clock == "free" else "round"
     counts = (found.rounds, what), (found.moves, "move"), (found.cubes, "cube")
     lines.append(", ".join(counted(*each) for each in counts))
@@ -160,7 +157,14 @@ def verified(
 def _mark(check: Check) -> str:
     if not check.ok:
         return "FAILED"
-    return "ok    " if check.checked else "-     "
+    return "ok" if check.checked else "-"
+
+
+def check_lines(checks: Iterable[tuple[str, str, str]]) -> list[str]:
+    """Return a line for each check: how it came out, its name, and why."""
+    rows = list(checks)
+    width = max(len(name) for _, name, _ in rows)
+    return [f"{mark:<6}  {name:<{width}}  {why}".rstrip() for mark, name, why in rows]
 
 
 def check_used(rules: Sequence[str], unused: Collection[str]) -> None:

@@ -18,8 +18,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
 
 if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.playback.comparing import ReplayResult
-    from cubepath.coordinator.playback.playing import PlayOptions
+    from cubepath.coordinator.playback.replay_comparison import ReplayResult
     from cubepath.coordinator.runs.live import LiveReplay
     from cubepath.protocol.recordings.recording import Recording
 
@@ -28,7 +27,7 @@ _ALL = "all"
 _LIVE = ("listen", "connect", "secure", "wait_for", "processes", "rule", "patience", "log")
 """The options of live modules, of which ``--listen`` is for all replays."""
 _PLAYER = (
-    *("rate", "max_gap", "begin", "until", "loop", "paused", "wait_s"),
+    *("rate", "max_gap_s", "begin", "until", "loop", "paused", "wait_for_subscribers"),
     *("topics", "exclude", "remap", "run"),
 )
 """Options of the player, which plays a recording as it is."""
@@ -57,21 +56,7 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
     replay.add_argument(
         "--paused", action="store_true", help="start paused until a key or a command"
     )
-    replay.add_argument(
-        "--topics",
-        action="append",
-        default=[],
-        metavar="GLOB",
-        help="play topics such as 'reports/*' or 'edges', can be given several times (default: what"
-        " modules and keepers said)",
-    )
-    replay.add_argument(
-        "--exclude",
-        action="append",
-        default=[],
-        metavar="GLOB",
-        help="leave topics out, can be given several times",
-    )
+    usage.add_topics(replay, "what modules and keepers said")
     replay.add_argument(
         "--listen",
         metavar="ENDPOINT",
@@ -94,6 +79,7 @@ def add_replay(replay: argparse.ArgumentParser) -> None:
 def _add_more(more: Any) -> None:
     more.add_argument(
         "--max-gap",
+        dest="max_gap_s",
         type=_seconds,
         metavar="S",
         help="with --rate: cut longer gaps between two messages to S seconds",
@@ -108,7 +94,6 @@ def _add_more(more: Any) -> None:
     more.add_argument("--run", metavar="ID", help="the run id in the keys (default: a new one)")
     more.add_argument(
         "--wait-for-subscribers",
-        dest="wait_s",
         type=_seconds,
         nargs="?",
         const=_WAIT_S,
@@ -158,7 +143,7 @@ def _replay(options: argparse.Namespace) -> int:
     for key in _LIVE[1:]:
         if getattr(options, key) is not None:
             raise InputError(f"--{key.replace('_', '-')}: expected --modules with it")
-    if options.max_gap is not None and options.rate is None:
+    if options.max_gap_s is not None and options.rate is None:
         raise InputError("--max-gap: expected --rate with it")
     with console.progress_bar(None, "read", ""):
         recording = read_recording(options.parent)
@@ -177,7 +162,7 @@ def _play_live(options: argparse.Namespace) -> int:
 
     for key in _PLAYER:
         if getattr(options, key):  # what is not given is None, 0 or empty
-            option = {"begin": "from", "wait_s": "wait-for-subscribers"}.get(key, key)
+            option = {"begin": "from", "max_gap_s": "max-gap"}.get(key, key)
             raise InputError(f"--{option.replace('_', '-')}: not with --modules")
     check_files(options, [options.parent], Output(options.log))
     with console.progress_bar(None, "read", ""):
@@ -188,46 +173,30 @@ def _play_live(options: argparse.Namespace) -> int:
             found = replay_live(recording, live, **usage.given(options, _LIVE), **watched)
         except InputError as error:
             raise with_damage(error, recording) from None
-    console.answer(options, found.document(), "\n".join(map(visible, _told(found).splitlines())))
+    console.answer(
+        options, found.document(), "\n".join(map(visible, _live_text(found).splitlines()))
+    )
     if found.divergence is not None:
         console.complain(f"{recording.path}: {str(found.divergence).splitlines()[0]}")
     return console.DONE if found.same else console.FAILED
 
 
-def _told(found: LiveReplay) -> str:
+def _live_text(found: LiveReplay) -> str:
     rounds = f"{found.rounds} of {counted(found.recorded_rounds, 'round')}"
     if found.divergence is None:
         return f"the same for {rounds}"
     return f"the same for {rounds}, then\n{found.divergence}"
 
 
-def _player_options(options: argparse.Namespace) -> PlayOptions:
-    found: PlayOptions = {
-        "rate": options.rate,
-        "begin": options.begin,
-        "until": options.until,
-        "loop": options.loop,
-        "paused": options.paused,
-        "max_gap_s": options.max_gap,
-        "wait_for_subscribers": options.wait_s is not None,
-        "topics": options.topics,
-        "exclude": options.exclude,
-        "remap": options.remap,
-        "run": options.run,
-        "endpoint": options.listen,
-    }
-    if options.wait_s is not None:
-        found["wait_s"] = options.wait_s
-    return found
-
-
 def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
     """Play it under the keys of a terminal if it takes time, and else to its end."""
-    asked = _player_options(options)
+    asked: Any = {name: getattr(options, name) for name in _PLAYER} | {"endpoint": options.listen}
     takes_time = options.loop or options.paused or asked.get("rate") not in (None, "max")
 
     def announce(endpoint: str, run: str) -> None:
-        if takes_time or any((options.listen, options.run, options.wait_s is not None)):
+        if takes_time or any(
+            (options.listen, options.run, options.wait_for_subscribers is not None)
+        ):
             console.complain(f"replaying on {endpoint} under cubepath/{run}/**")
 
     if takes_time and has_terminal():

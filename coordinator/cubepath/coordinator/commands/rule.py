@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands import console
-from cubepath.coordinator.commands.usage import number, whole
+from cubepath.coordinator.commands.usage import above_0, whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.parsing import Keys
@@ -39,7 +39,7 @@ def add_rule_check(check: argparse.ArgumentParser) -> None:
     )
     check.add_argument(
         "--timeout",
-        type=number("more than 0 seconds", lambda seconds: seconds > 0),
+        type=above_0,
         default=600.0,
         metavar="SECONDS",
         help="end a check that takes longer (default 600)",
@@ -139,6 +139,7 @@ def _list(options: argparse.Namespace) -> int:
             f"    source: {rule.source}",
         ]
     lines += ["any rule:", *_key_lines(LIMITS)]
+    lines.append("a page: random, metropolis, and each rule whose systems have the page's moves")
     console.answer(options, document, "\n".join(lines))
     return console.DONE
 

@@ -122,6 +122,8 @@ def _run(options: argparse.Namespace) -> int:
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
             running = Run(plan, watch=watch, say=say)
+            if options.parent is None and not running.scene.can_begin():
+                say(f"{running.scene.spec}: no module can move at the start")
             with plugin("watched")(options, running, say):
                 outcome = running.play_from_the_start()
     rows: list[tuple[str, object]] = [

@@ -58,12 +58,10 @@ def add_shorten(shorten: argparse.ArgumentParser) -> None:
 def add_path_options(parser: argparse.ArgumentParser) -> None:
     """Add INPUT, ``--out`` and ``--system``."""
     parser.add_argument("input", type=files.input_path, metavar="INPUT", help=INPUT_HELP)
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=files.output_path,
-        metavar="CUBES.jsonl",
-        help="write the cubes to this file: JSON Lines (.jsonl), or the binary form (.npz); - is"
+    files.add_out(
+        parser,
+        "CUBES.jsonl",
+        "write the cubes to this file: JSON Lines (.jsonl), or the binary form (.npz); - is"
         " standard output, and the summary goes to standard error",
     )
     parser.add_argument(
@@ -174,8 +172,12 @@ def _certified(options: argparse.Namespace, found: Shortened) -> MoreResults:
 
     with progress_bar(None, "certificate", ""):
         certificate = certified_path(found)
-    told = explained(found, certificate) if options.explain else MoreResults({})
-    document, rows, lines = dict(told.document), list(told.rows), list(told.lines)
+    explanation = explained(found, certificate) if options.explain else MoreResults({})
+    document, rows, lines = (
+        dict(explanation.document),
+        list(explanation.rows),
+        list(explanation.lines),
+    )
     timed = None
     if durations is not None:
         with progress_bar(None, "timetable", ""):

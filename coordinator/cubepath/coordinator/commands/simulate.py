@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands import console
-from cubepath.coordinator.commands.files import check_files
+from cubepath.coordinator.commands.files import add_out, check_files
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.output_files import check_output_folder
 from cubepath.protocol.core.ranges import seeds_of
@@ -49,13 +49,12 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
         default="lockstep",
         help="simulate runs with rounds, or with keepers and without rounds (default: lockstep)",
     )
-    simulate.add_argument(
-        "-o",
-        "--out",
-        type=Path,
+    add_out(
+        simulate,
+        "DIR",
+        "folder for the recordings and pictures of failing seeds (default: logs)",
+        folder=True,
         default=Path("logs"),
-        metavar="DIR",
-        help="folder for the recordings and pictures of failing seeds (default: logs)",
     )
 
 

@@ -21,7 +21,7 @@ from cubepath.coordinator.commands.console import (
     progress_bar,
     table,
 )
-from cubepath.coordinator.commands.files import check_files
+from cubepath.coordinator.commands.files import add_out, check_files
 from cubepath.coordinator.commands.usage import add_fields, given, more_options, whole
 from cubepath.coordinator.experiments.options import SweepOptions
 from cubepath.protocol.core.errors import OptionError
@@ -71,13 +71,12 @@ def add_sweep(sweep: argparse.ArgumentParser) -> None:
         " (by slow_factor), each with one value or several, or none; may be given several times",
     )
     add_fields(sweep, SweepOptions, "max_rounds")
-    sweep.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder for the results; finished runs in it are skipped (default: one in logs/sweeps"
+    add_out(
+        sweep,
+        "DIR",
+        "folder for the results; finished runs in it are skipped (default: one in logs/sweeps"
         " that is named by the first SYSTEM)",
+        folder=True,
     )
     sweep.add_argument(
         "--log", action="store_true", help="keep a recording of each run with messages"
@@ -146,8 +145,15 @@ def _few(lines: Sequence[str]) -> list[str]:
 
 def _dry_run(options: argparse.Namespace, expansion: Expansion) -> int:
     settings = [
-        (told.label, told.rule, told.clock, told.hesitate, told.faults.text(), told.core)
-        for told in expansion.settings
+        (
+            setting.label,
+            setting.rule,
+            setting.clock,
+            setting.hesitate,
+            setting.faults.text(),
+            setting.core,
+        )
+        for setting in expansion.settings
     ]
     names = ("system", "rule", "clock", "hesitate", "faults", "core")
     document = {
@@ -172,8 +178,8 @@ def _folder(options: argparse.Namespace) -> Path:
         out: Path = options.out
         return out
     first = options.systems[0]
-    name = Path(first).stem if first.endswith(".toml") else first.partition(":")[0]
-    return Path("logs") / "sweeps" / name
+    name = Path(first if first.endswith(".toml") else first.partition(":")[0]).name
+    return Path("logs") / "sweeps" / name.removesuffix(".toml")
 
 
 def _play(options: argparse.Namespace, expansion: Expansion) -> int:
@@ -194,12 +200,12 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
         def watch(runs: Sequence[Any]) -> None:
             ended.update(each.run["ended"] for each in runs)
             failures.extend(each.run for each in runs if each.failed)
-            told = [f"{len(failures)} failures"] if failures else []
+            notes = [f"{len(failures)} failures"] if failures else []
             done = bar.n + len(runs)
             if isinstance(bar, Lines):  # a bar on a terminal says so itself
                 seconds = (time.monotonic() - began) * (bar.total - done) / done
-                told.append(f"about {seconds:.0f} s left")
-            bar.set_postfix_str(", ".join(told), refresh=False)
+                notes.append(f"about {seconds:.0f} s left")
+            bar.set_postfix_str(", ".join(notes), refresh=False)
             bar.update(len(runs))
             if options.interrupts.came:  # where Python runs a finalizer, the exception is dropped
                 raise KeyboardInterrupt
@@ -270,9 +276,7 @@ def add_report(report: argparse.ArgumentParser) -> None:
     """Add the options of ``report``."""
     report.set_defaults(command=_report)
     report.add_argument("folder", type=Path, metavar="DIR", help="the folder of 'cubepath sweep'")
-    report.add_argument(
-        "-o", "--out", type=Path, metavar="OUT", help="folder for the files (default: DIR/report)"
-    )
+    add_out(report, "OUT", "folder for the files (default: DIR/report)", folder=True)
 
     for name, what in (
         ("pool", "count scenes that differ only in these keys, as seed, as one"),

@@ -155,6 +155,23 @@ def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], floa
     return read
 
 
+above_0 = number("a number above 0", lambda found: found > 0)
+
+
+def add_topics(parser: Any, default: str = "all") -> None:
+    """Add ``--topics`` and ``--exclude``, which say which messages are taken."""
+    for name, what in (("topics", "take only"), ("exclude", "leave out")):
+        more = f" (default: {default})" if name == "topics" else ""
+        parser.add_argument(
+            f"--{name}",
+            action="append",
+            default=[],
+            metavar="GLOB",
+            help=f"{what} messages whose topic KIND/SENDER, or whose kind, this matches, as"
+            f" 'report*' or '*/process_3'; may be given again{more}",
+        )
+
+
 _MODULES = re.compile(r"\d{1,9}(-\d{1,9})?(,\d{1,9}(-\d{1,9})?)*", re.ASCII)
 _MODULES_MAX = 1_000_000
 

@@ -15,6 +15,7 @@ from cubepath.coordinator.commands.recordings import (
     Progress,
     RecordingAnswer,
     answer_each,
+    check_lines,
     check_used,
     verified,
 )
@@ -85,7 +86,7 @@ def _check_alone(options: argparse.Namespace) -> None:
 
 def _verify_recordings(options: argparse.Namespace, sources: Sequence[Source]) -> int:
     from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
-    from cubepath.coordinator.auditing.playing import audit, unused_rules  # noqa: PLC0415
+    from cubepath.coordinator.auditing.rule_audit import audit, unused_rules  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     check_files(options, options.logs)
@@ -189,11 +190,9 @@ def answer_checks(
             {"name": check, "ok": why is None, "detail": why or ""} for check, why in found.items()
         ],
     }
-    width = max(map(len, found))
-    lines = [
-        f"{'ok    ' if why is None else 'FAILED'}  {check:<{width}}  {why or ''}".rstrip()
-        for check, why in found.items()
-    ]
+    lines = check_lines(
+        ("ok" if why is None else "FAILED", check, why or "") for check, why in found.items()
+    )
     lines += [] if wrong else [proved]
     answer(options, document | more, "\n".join(map(visible, lines)))
     if wrong:

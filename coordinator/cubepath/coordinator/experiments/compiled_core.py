@@ -27,10 +27,10 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.messages import Executed
 
 _FEW = 200
-"""Batches with fewer modules in all runs together are played in plain Python, until so many of them
+"""Batches with fewer modules in all runs together are played in plain Python, until this many
 were that compiled code would have been worth while."""
 _LOADING_STEPS, _COMPILING_STEPS = 40_000, 600_000
-"""So many turns of modules in plain Python take as long as compiled code takes to load, a second,
+"""This many turns of modules in plain Python take as long as compiled code takes to load, a second,
 and to compile, once for an installation."""
 _JITTER = 0.5
 _End: TypeAlias = tuple[tuple[Site, ...], bool, str | None]
@@ -47,7 +47,7 @@ class _DoneInPython:
         self.steps = 0
 
     def pays(self) -> bool:
-        """Return whether what is left is better played in compiled code."""
+        """Return whether the rest is better played in compiled code."""
         return self.steps >= _LOADING_STEPS and (self.steps >= _COMPILING_STEPS or is_compiled())
 
 

@@ -142,9 +142,9 @@ class SweepFolder:
         self._mark([], ReportNotes())
 
     def _mark(self, versions: Sequence[str], notes: ReportNotes) -> None:
-        told = {"format": _FORMAT, "versions": list(versions), "notes": notes}
+        document = {"format": _FORMAT, "versions": list(versions), "notes": notes}
         with output_files.written_whole(self.folder / MARK) as stream:
-            stream.write(msgspec.json.format(msgspec.json.encode(told), indent=1))
+            stream.write(msgspec.json.format(msgspec.json.encode(document), indent=1))
 
     def begin(
         self,
@@ -192,8 +192,8 @@ class SweepFolder:
         """Keep these rows of runs for those that are there; their rounds stay as they are."""
         if rows:
             self.write()
-            told = "".join(f"{row['id']} {row['configuration']}" for row in rows)
-            name = f"{sha256(told.encode()).hexdigest()[:16]}-again"
+            content = "".join(f"{row['id']} {row['configuration']}" for row in rows)
+            name = f"{sha256(content.encode()).hexdigest()[:16]}-again"
             self._write("rounds", name, table_of([], ROUND_COLUMNS))
             self._write("runs", name, table_of(rows, RUN_COLUMNS))
 
@@ -223,7 +223,7 @@ class SweepFolder:
             os.fsync(stream.fileno())
 
     def __exit__(self, *_: object) -> None:
-        """Write what is left, and let others in."""
+        """Write the rest, and let others in."""
         try:
             self.write()
         finally:
@@ -243,9 +243,9 @@ def read_mark(folder: Path) -> tuple[list[str], ReportNotes]:
     """
     mark = file_within(folder, MARK)
     try:
-        told = json.loads(mark.read_bytes())
-        if told["format"] == _FORMAT:
-            return told["versions"], msgspec.convert(told.get("notes", {}), ReportNotes)
+        document = json.loads(mark.read_bytes())
+        if document["format"] == _FORMAT:
+            return document["versions"], msgspec.convert(document.get("notes", {}), ReportNotes)
     except FileNotFoundError:
         raise InputError(f"{folder}: has no {MARK}, expected the folder of a sweep") from None
     except OSError as error:
@@ -284,15 +284,17 @@ def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
     for part in parts_of(folder):
         for row in _read(part, RUN_COLUMNS):
             try:
-                told = json.loads(row["configuration"])
-                version = f"{row['code']} {told.pop('scene')} {told.pop('source')}"
-                searched = [told.pop(name) for name in OF_SCENES][:2]
+                configuration = json.loads(row["configuration"])
+                version = (
+                    f"{row['code']} {configuration.pop('scene')} {configuration.pop('source')}"
+                )
+                searched = [configuration.pop(name) for name in OF_SCENES][:2]
             except (ValueError, KeyError, TypeError, AttributeError):
                 raise InputError(
                     f"{part}: run {row['id']}: expected the configuration of a run, found"
                     f" {row['configuration']!r}"
                 ) from None
-            key = row["id"] if all_versions else json.dumps(told, sort_keys=True)
+            key = row["id"] if all_versions else json.dumps(configuration, sort_keys=True)
             rank = (
                 places.get(version, -1),
                 row["ended"] not in AGAIN,
@@ -342,12 +344,8 @@ def unreadable(path: Path, error: Exception) -> InputError:
 
 def _read(path: Path, columns: Iterable[str]) -> list[Row]:
     pa = arrow()
-    wanted = list(columns)
     try:
-        held = pa.parquet.read_schema(path).names
-        # Folders of earlier versions have no costs: there they are unknown.
-        asked = [name for name in wanted if name in held or name != "costs"]
-        found: list[Row] = pa.parquet.read_table(path, columns=asked).to_pylist()
+        found: list[Row] = pa.parquet.read_table(path, columns=list(columns)).to_pylist()
     except (OSError, pa.ArrowException) as error:
         raise unreadable(path, error) from None
-    return [{name: row.get(name) for name in wanted} for row in found] if asked != wanted else found
+    return found

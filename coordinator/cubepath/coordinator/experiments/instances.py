@@ -7,13 +7,13 @@ out what holds for other scenes.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from cubepath.coordinator.plugins import plugin
@@ -68,8 +68,7 @@ def forget_facts() -> None:
 FOLDER = Path(__file__).parent / "standard"
 
 
-@dataclass(frozen=True, slots=True)
-class StandardInstance:
+class StandardInstance(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A scene to try rules on, and how good a schedule can be.
 
     `system` is what `scene_from_spec` takes: a spec, or the path of a TOML file. `best` is the
@@ -88,7 +87,11 @@ class StandardInstance:
     moves: int
     bound: int
     how: str
-    schedule: Path
+
+    @property
+    def schedule(self) -> Path:
+        """Return the file of the schedule."""
+        return FOLDER / f"{self.name}.jsonl"
 
     @property
     def proved(self) -> bool:
@@ -106,28 +109,8 @@ def standard() -> tuple[StandardInstance, ...]:
     [(18, 18, True)]
     """
     table = parsed_toml(read_text(FOLDER / "standard.toml"))
+    found = msgspec.convert(table["instance"], tuple[StandardInstance, ...])
     return tuple(
-        StandardInstance(
-            name=row.name,
-            system=str(FOLDER / row.system) if row.system.endswith(".toml") else row.system,
-            best=row.best,
-            moves=row.moves,
-            bound=row.bound,
-            how=row.how,
-            schedule=FOLDER / f"{row.name}.jsonl",
-        )
-        for row in msgspec.convert(table, _Table).instance
+        replace(each, system=str(FOLDER / each.system)) if each.system.endswith(".toml") else each
+        for each in found
     )
-
-
-class _Row(msgspec.Struct, forbid_unknown_fields=True):
-    name: str
-    system: str
-    best: int
-    moves: int
-    bound: int
-    how: str
-
-
-class _Table(msgspec.Struct, forbid_unknown_fields=True):
-    instance: list[_Row]

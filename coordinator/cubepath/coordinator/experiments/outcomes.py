@@ -69,13 +69,8 @@ def finished(batch: RunBatch, seed: int, played: PlayedRun) -> FinishedRun:
     conflicts = played.conflicts
     lost = played.lost if conflicts is None else int(conflicts.sum())
     last = np.flatnonzero(counts)
-    setting = batch.setting
-    bound = _greatest(facts.bound(played.cubes if reached else None), setting.proved)
     row |= {
-        "bound": bound,
-        "optimum": _optimum(
-            facts.optimum, bound, {row["best_known"], played.cubes if reached else None}
-        ),
+        "bound": setting.proved,
         "goal": reached,
         "ended": ended,
         "reason": played.reason,
@@ -96,6 +91,7 @@ def finished(batch: RunBatch, seed: int, played: PlayedRun) -> FinishedRun:
         "recording": played.recording,
         "seconds": round(played.seconds, 4),
     }
+    row |= scene_columns(row, facts)
     rounds = {
         "moves": counts,
         "conflicts": conflicts,
@@ -158,7 +154,9 @@ def _row(batch: RunBatch, seed: int, facts: SceneFacts | None) -> Row:
         "keepers": setting.keepers,
         "max_rounds": setting.max_rounds,
         "seed": seed,
-        "best_known": _least(setting.best_known, None if facts is None else facts.best_found),
+        "best_known": min(
+            _known(setting.best_known, None if facts is None else facts.best_found), default=None
+        ),
         "id": run_id(setting, seed, batch.code),
         "code": batch.code,
         "configuration": json.dumps({**setting.configuration(), "seed": seed}, sort_keys=True),
@@ -166,14 +164,19 @@ def _row(batch: RunBatch, seed: int, facts: SceneFacts | None) -> Row:
     return row
 
 
-def _greatest(one: int | None, other: int | None) -> int | None:
-    return max((each for each in (one, other) if each is not None), default=None)
+def scene_columns(row: Row, facts: SceneFacts) -> Row:
+    """Return the columns of a row that follow from what is known of its scene."""
+    if row["rounds"] is None:  # it failed
+        cubes, bound = None, None
+    else:
+        cubes = row["cubes"] if row["goal"] else None
+        bound = max(_known(row["bound"], facts.bound(cubes)), default=None)
+    best = min(_known(row["best_known"], facts.best_found), default=None)
+    optimum = next(iter(_known(facts.optimum, row["optimum"])), None)
+    if optimum is None and bound is not None and bound in (best, cubes):
+        optimum = bound
+    return {"bound": bound, "best_known": best, "optimum": optimum}
 
 
-def _least(one: int | None, other: int | None) -> int | None:
-    return min((each for each in (one, other) if each is not None), default=None)
-
-
-def _optimum(found: int | None, bound: int | None, known: set[int | None]) -> int | None:
-    """Return the least number of cubes, if a search proves it, or a path as short as the bound."""
-    return bound if found is None and bound in known else found
+def _known(*numbers: int | None) -> list[int]:
+    return [each for each in numbers if each is not None]

@@ -65,7 +65,7 @@ def page_of(
     plots: Iterable[Plot],
 ) -> str:
     """Return the page as HTML."""
-    told = "".join(
+    rows_html = "".join(
         f"<tr><th>{escape(name)}</th><td>{escape(str(each))}</td></tr>" for name, each in facts
     )
     parts = [
@@ -73,7 +73,7 @@ def page_of(
         '<html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>",
-        f"<h1>{escape(title)}</h1><table>{told}</table>",
+        f"<h1>{escape(title)}</h1><table>{rows_html}</table>",
         *map(_figure, plots),
         *map(_table, tables),
         "</body></html>",
@@ -259,19 +259,19 @@ def _of_last_versions(rows: Sequence[Row], versions: Sequence[str]) -> list[Row]
     of the code and the hashes of what the scene and the rule's file held.
     """
     places = {tuple(version.split(" ")): n for n, version in enumerate(versions)}
-    told = {row["id"]: json.loads(row["configuration"]) for row in rows}
+    configurations = {row["id"]: json.loads(row["configuration"]) for row in rows}
 
     def place(row: Row) -> int:
-        of = told[row["id"]]
+        of = configurations[row["id"]]
         return places.get((row["code"], of["scene"], of["source"]), -1)
 
     kept = set[str]()
     for several in groups(rows, ["system"]).values():
-        scene = told[max(several, key=place)["id"]]["scene"]
-        there = [row for row in several if told[row["id"]]["scene"] == scene]
+        scene = configurations[max(several, key=place)["id"]]["scene"]
+        there = [row for row in several if configurations[row["id"]]["scene"] == scene]
         for mine in groups(there, ["rule"]).values():
-            source = told[max(mine, key=place)["id"]]["source"]
-            kept |= {row["id"] for row in mine if told[row["id"]]["source"] == source}
+            source = configurations[max(mine, key=place)["id"]]["source"]
+            kept |= {row["id"] for row in mine if configurations[row["id"]]["source"] == source}
     return [row for row in rows if row["id"] in kept]
 
 

@@ -67,7 +67,7 @@ ROUND_COLUMNS: Mapping[str, str] = {
 }
 """The columns of a round; `id` is that of its run, and rounds count from 1."""
 PREVENTED = "prevented"
-"""How a run ends that could not be played, or kept, where it was to be, by no fault of its own."""
+"""How a run ends that could not be played, or stored, for reasons outside the run."""
 TIMEOUT = "timeout"
 """How a run ends that was over its limit of time."""
 AGAIN = ("died", PREVENTED, TIMEOUT)

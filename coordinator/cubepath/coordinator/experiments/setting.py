@@ -12,19 +12,21 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache, partial
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
+from msgspec import Meta
 
 from cubepath.agents.rules.registry import BUILT_IN, RULE_MODULE, find_rule
 from cubepath.agents.rules.rule import RuleName, RuleType
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.options import option_fields
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
 
@@ -46,8 +48,8 @@ def source_hash(rule: str) -> str:
         raise InputError(f"unknown rule {rule!r}")
     own = Path(named.file).resolve() if named.file else None
     others = {_file_hash(path) for path in _files(found) if path != own}
-    told = " ".join([found.content, *sorted(others)])
-    return sha256(told.encode()).hexdigest()[:_DIGITS]
+    content = " ".join([found.content, *sorted(others)])
+    return sha256(content.encode()).hexdigest()[:_DIGITS]
 
 
 @cache
@@ -91,8 +93,7 @@ def _files_of(part: object) -> Iterator[Path]:
 Core: TypeAlias = Literal["compiled", "simulated", "wire"]
 Clock: TypeAlias = Literal["lockstep", "free"]
 CLOCKS: tuple[str, ...] = get_args(Clock)
-SLOW_FACTOR_MAX = 10_000
-DELAY_MS_MAX = 1_000_000
+_Share: TypeAlias = Annotated[float, Meta(ge=0, le=1)]
 OF_SCENES = ("optimum", "improve", "best_known", "proved")
 """Keys of a setting that are of its scene, and decide nothing about a run."""
 _ID = 16
@@ -116,13 +117,18 @@ class FaultRates:
     'loss=0.1,slow=0.5'
     """
 
-    loss: float = 0.0
-    delay: float = 0.0
-    delay_ms: float = 50.0
-    duplicate: float = 0.0
-    crash: float = 0.0
-    slow: float = 0.0
-    slow_factor: int = 10
+    loss: _Share = 0.0
+    delay: _Share = 0.0
+    delay_ms: Annotated[float, Meta(gt=0, le=1_000_000)] = 50.0
+    duplicate: _Share = 0.0
+    crash: _Share = 0.0
+    slow: _Share = 0.0
+    slow_factor: Annotated[int, Meta(ge=1, le=10_000)] = 10
+
+    def __post_init__(self) -> None:
+        """Check the rates; InputError names one that is out of its bounds."""
+        for name, field in option_fields(FaultRates).items():
+            field.check(getattr(self, name), f"faults: {name}")
 
     @property
     def of_messages(self) -> bool:
@@ -132,13 +138,9 @@ class FaultRates:
     @property
     def normal(self) -> FaultRates:
         """Return the same rates, with what has no effect as it is by default."""
-        return FaultRates(
-            loss=self.loss,
-            delay=self.delay,
+        return replace(
+            self,
             delay_ms=self.delay_ms if self.delay else 50.0,
-            duplicate=self.duplicate,
-            crash=self.crash,
-            slow=self.slow,
             slow_factor=self.slow_factor if self.slow else 10,
         )
 
@@ -187,10 +189,10 @@ class RunSetting:
 
         What is searched for or known in the scene changes nothing in it.
         """
-        told = asdict(self)
+        fields = asdict(self)
         for name in ("label", "system", *OF_SCENES):
-            del told[name]
-        return told | {"rule": self.rule.rpartition("/")[2]}
+            del fields[name]
+        return fields | {"rule": self.rule.rpartition("/")[2]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,35 +208,17 @@ class RunBatch:
 
     def ids(self) -> tuple[str, ...]:
         """Return the id of each run."""
-        begun, rest = _around_seed(self.setting, self.code)
-        return tuple(_completed(begun, seed, rest) for seed in self.seeds)
+        return tuple(run_id(self.setting, seed, self.code) for seed in self.seeds)
 
 
 def run_id(setting: RunSetting, seed: int, code: str) -> str:
-    """Return the id of a run: 16 hexadecimal digits of a hash of all that decides about it.
-
-    It is that of a JSON object with sorted keys, which is put together here: there may be millions.
-    """
-    begun, rest = _around_seed(setting, code)
-    return _completed(begun, seed, rest)
-
-
-def _completed(begun: Any, seed: int, rest: bytes) -> str:
-    told = begun.copy()
-    told.update(b"%d%s" % (seed, rest))
-    digits: str = told.hexdigest()[:_ID]
-    return digits
+    """Return the id of a run: 16 hexadecimal digits of a hash of all that decides about it."""
+    return sha256(b"%s %d" % (_deciding(setting, code), seed)).hexdigest()[:_ID]
 
 
 @lru_cache(maxsize=256)
-def _around_seed(setting: RunSetting, code: str) -> tuple[Any, bytes]:
-    """Return the hash of what is before the seed in a run's JSON, and what comes after it."""
-    told = {**setting.deciding(), "code": code}
-    before, after = (
-        json.dumps({key: told[key] for key in told if (key < "seed") == first}, sort_keys=True)
-        for first in (True, False)
-    )
-    return sha256(f'{before[:-1]}, "seed": '.encode()), f", {after[1:]}".encode()
+def _deciding(setting: RunSetting, code: str) -> bytes:
+    return json.dumps({**setting.deciding(), "code": code}, sort_keys=True).encode()
 
 
 def scene_hash(scene: Scene) -> str:
@@ -246,11 +230,11 @@ def scene_hash(scene: Scene) -> str:
 @cache
 def code_version() -> str:
     """Return the version of cubepath with a hash of the sources that decide about runs."""
-    told = sha256()
+    digest = sha256()
     for name, path in sorted(_sources()):
-        told.update(f"{name}\n".encode())
-        told.update(path.read_bytes())
-    return f"{version('cubepath')}+{told.hexdigest()[:12]}"
+        digest.update(f"{name}\n".encode())
+        digest.update(path.read_bytes())
+    return f"{version('cubepath')}+{digest.hexdigest()[:12]}"
 
 
 def _sources() -> Iterator[tuple[str, Path]]:

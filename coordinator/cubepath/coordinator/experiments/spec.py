@@ -17,8 +17,6 @@ from cubepath.coordinator.experiments.options import SweepOptions
 from cubepath.coordinator.experiments.published import PublishedResults, ReportNotes, published_in
 from cubepath.coordinator.experiments.setting import (
     CLOCKS,
-    DELAY_MS_MAX,
-    SLOW_FACTOR_MAX,
     Clock,
     FaultRates,
     RunBatch,
@@ -31,12 +29,25 @@ from cubepath.coordinator.experiments.setting import (
 from cubepath.protocol.core.errors import InputError, OptionError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import read_text
-from cubepath.protocol.core.options import option_fields
-from cubepath.protocol.core.parsing import given_values, parsed_toml
+from cubepath.protocol.core.options import (
+    keys_of,
+    known_name,
+    option_fields,
+    options_from_values,
+    real_number,
+    whole_number,
+)
+from cubepath.protocol.core.parsing import all_values, given_values, parsed_toml
 from cubepath.protocol.core.ranges import LARGEST, checked_seeds, expanded, seeds_of
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.registry import family_named
-from cubepath.protocol.scenes.specs import files_in, is_scene_file, scene_from_spec, spec_within
+from cubepath.protocol.scenes.specs import (
+    files_in,
+    is_scene_file,
+    path_and_values,
+    scene_from_spec,
+    spec_within,
+)
 
 _SWEEPS = Path(__file__).parent / "sweeps"
 """Sweeps that come with cubepath, each by the name of its file; a changed one has a new number."""
@@ -63,9 +74,7 @@ class Sweep(SweepOptions):
     `pool` and `published` are for the report: keys of systems in which replicates differ, and what
     others published on the same systems.
 
-    >>> from cubepath.coordinator import sweep
-    >>> plan = Sweep(systems=("hex:n=4..5",), rules=("chain",), seeds=(0, 1))
-    >>> len(sweep(plan).rows)
+    >>> expand(Sweep(systems=("hex:n=4..5",), rules=("chain",), seeds=(0, 1))).runs
     4
     """
 
@@ -82,49 +91,23 @@ class Sweep(SweepOptions):
         """Check what is wrong whatever the systems are; InputError names it."""
         if not self.systems:
             raise InputError("systems: expected one or more, found none")
-        _check_names("clocks", self.clocks, CLOCKS)
+        for clock in self.clocks:
+            known_name("clocks: ", clock, CLOCKS)
         for key in ("clocks", "hesitate", "faults"):
             if not getattr(self, key):
                 raise InputError(f"{key}: expected one value or more, found none")
-        for share in self.hesitate:
-            if not 0.0 <= share < 1.0:
-                raise OptionError(f"hesitate: {share:g}, expected at least 0 and less than 1")
+        if not all(0.0 <= share < 1.0 for share in self.hesitate):
+            found = ", ".join(f"{share:g}" for share in self.hesitate)
+            raise OptionError(f"hesitate: {found}, expected at least 0 and less than 1")
         for key, field in option_fields(SweepOptions).items():
             value = getattr(self, key)
             field.check(value, key)
             if field.kind is int and value > LARGEST:
                 raise OptionError(f"{key}={value}: expected at most {LARGEST}")
         checked_seeds(list(self.seeds))
-        for rates in self.faults:
-            _check_rates(rates)
-        _check_rules(self.rules)
-
-
-def _check_rules(rules: Iterable[str]) -> None:
-    for rule in rules:
-        if registry.find_rule(rule) is None:
-            raise registry.unknown_rule(rule)
-
-
-def _check_names(key: str, given: Iterable[str], known: Sequence[str]) -> None:
-    for name in given:
-        if name not in known:
-            near = did_you_mean(name, known)
-            raise InputError(f"{key}: unknown {name!r}{near}, expected one of {', '.join(known)}")
-
-
-def _check_rates(rates: FaultRates) -> None:
-    for key in ("loss", "delay", "duplicate", "crash", "slow"):
-        if not 0.0 <= getattr(rates, key) <= 1.0:
-            raise OptionError(f"faults: {key}={getattr(rates, key):g}, expected 0 to 1")
-    if not 0.0 < rates.delay_ms <= DELAY_MS_MAX:
-        raise OptionError(
-            f"faults: delay_ms={rates.delay_ms:g}, expected more than 0 and at most {DELAY_MS_MAX}"
-        )
-    if not 1 <= rates.slow_factor <= SLOW_FACTOR_MAX:
-        raise OptionError(
-            f"faults: slow_factor={rates.slow_factor}, expected 1 to {SLOW_FACTOR_MAX}"
-        )
+        for rule in self.rules:
+            if registry.find_rule(rule) is None:
+                raise registry.unknown_rule(rule)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,12 +141,6 @@ class Expansion:
         return any(setting.source for setting in self.settings)
 
 
-@dataclass(frozen=True, slots=True)
-class _Instance:
-    label: str
-    system: str
-
-
 def expand(sweep: Sweep) -> Expansion:
     """Return the runs of a sweep in their canonical order, each once.
 
@@ -175,13 +152,13 @@ def expand(sweep: Sweep) -> Expansion:
     code = code_version()
     left_out: list[str] = []
     settings: dict[str, RunSetting] = {}
-    for instance in _instances(sweep.systems):
+    for label, system in _instances(sweep.systems):
         try:
-            scene = _scene(instance.system)
+            scene = _scene(system)
         except InputError as error:
-            left_out.append(_said(instance.label, error))
+            left_out.append(_left_out_line(label, error))
             continue
-        for setting in _of_scene(sweep, instance, scene, left_out):
+        for setting in _of_scene(sweep, (label, system), scene, left_out):
             first = settings.setdefault(run_id(setting, 0, code), setting)
             if first.label != setting.label:
                 line = f"{setting.label}: the same scene as {first.label}, which is played"
@@ -194,20 +171,21 @@ def expand(sweep: Sweep) -> Expansion:
     return Expansion(found, sweep.seeds, code, sweep.timeout_s, tuple(left_out), notes)
 
 
-def _said(label: str, error: InputError) -> str:
+def _left_out_line(label: str, error: InputError) -> str:
     line = str(error)
     return line if line.startswith(f"{label}:") else f"{label}: {line}"
 
 
-def _instances(systems: Iterable[str]) -> Iterator[_Instance]:
+def _instances(systems: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield the label and the name of each system."""
     for text in systems:
         if text == STANDARD:
             for each in standard():
-                yield _Instance(each.name, each.system)
+                yield each.name, each.system
             continue
         for name in expanded(text):
             _check_name(name)
-            yield _Instance(name, name)
+            yield name, name
 
 
 def _known_of(scene: Scene, hashed: str) -> tuple[int | None, int | None]:
@@ -228,7 +206,7 @@ def _check_name(name: str) -> None:
     """Raise InputError for a system, key or file that there is not; it is no misfit, but a slip."""
     family, _, rest = name.partition(":")
     if is_scene_file(name):
-        if not Path(name).is_file():
+        if not Path(path_and_values(name)[0]).is_file():
             raise InputError(f"{name}: no such file, expected a system")
         return
     given_values(rest, family_named(family).keys, name)
@@ -254,8 +232,9 @@ def is_small(batches: Iterable[RunBatch]) -> bool:
 
 
 def _of_scene(
-    sweep: Sweep, instance: _Instance, scene: Scene, left_out: list[str]
+    sweep: Sweep, named: tuple[str, str], scene: Scene, left_out: list[str]
 ) -> Iterator[RunSetting]:
+    label, system = named
     hashed = scene_hash(scene)
     best_known, proved = _known_of(scene, hashed)
     axes = (sweep.rules or (registry.own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
@@ -266,14 +245,14 @@ def _of_scene(
             fitting(rule, clock=clock)
             _check_core(core, clock, rates)
         except InputError as error:
-            line = _said(instance.label, error)
+            line = _left_out_line(label, error)
             if line not in left_out:
                 left_out.append(line)
             continue
         alone = core == "compiled"
         yield RunSetting(
-            label=instance.label,
-            system=instance.system,
+            label=label,
+            system=system,
             scene=hashed,
             rule=rule,
             source=source_hash(rule),
@@ -349,7 +328,7 @@ def _check_file(name: str) -> None:
     """Raise InputError for a file that is neither a sweep nor a system, as an empty one."""
     try:
         held = parsed_toml(read_text(Path(name))) if name.endswith(".toml") else {"systems": ()}
-    except InputError:  # whoever reads it says so
+    except InputError:  # reading it reports that
         return
     if "systems" not in held and "format" not in held:
         raise InputError(
@@ -385,22 +364,21 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
             raise InputError(f"unknown key {key!r}{near}, expected one of {', '.join(known)}")
     if "systems" not in table:
         raise InputError("systems: missing, expected one or more")
-    readers: Mapping[str, Callable[[object], object]] = {
+    readers: dict[str, Callable[[object], object]] = {
         "systems": lambda value: tuple(
             name
             for each in map(_system_text, _several(value))
             for name in _placed(folder, each, source)
         ),
-        "rules": lambda value: tuple(_text("rules", each) for each in _several(value)),
-        "clocks": lambda value: tuple(_text("clocks", each) for each in _several(value)),
-        "hesitate": lambda value: tuple(_number("hesitate", each) for each in _several(value)),
+        "hesitate": lambda value: tuple(real_number("hesitate", each) for each in _several(value)),
         "faults": lambda value: tuple(
             rates for each in _several(value) for rates in _rates_of(each)
         ),
         "seeds": _seeds,
-        "pool": lambda value: tuple(_text("pool", each) for each in _several(value)),
         "published": published_in,
     }
+    for key in ("rules", "clocks", "pool"):
+        readers[key] = partial(_texts, key)
     found = {key: readers[key](value) if key in readers else value for key, value in table.items()}
     return Sweep(**cast("dict[str, Any]", found))
 
@@ -428,36 +406,29 @@ def _text(key: str, value: object) -> str:
     return value
 
 
-def _number(key: str, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{key}: expected a number, found {value!r}")
-    return float(value)
+def _texts(key: str, value: object) -> tuple[str, ...]:
+    return tuple(_text(key, each) for each in _several(value))
 
 
-def _whole(key: str, value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise InputError(f"{key}: expected a whole number, found {value!r}")
-    return value
+def _keys_text(table: Mapping[str, object]) -> str:
+    """Return keys with one value or several as they are written on the command line."""
+    return ",".join(f"{key}={','.join(map(str, _several(each)))}" for key, each in table.items())
 
 
 def _system_text(value: object) -> str:
     """Return a system as it is written on the command line."""
     if not isinstance(value, dict):
         return _text("systems", value)
-    table = cast("dict[str, object]", value)
+    table = dict(cast("dict[str, object]", value))
     if "name" not in table:
         raise InputError(f"systems: expected a table with a name, found {table!r}")
-    keys = [
-        f"{key}={','.join(map(str, _several(each)))}"
-        for key, each in table.items()
-        if key != "name"
-    ]
-    return ":".join([_text("systems", table["name"]), *([",".join(keys)] if keys else [])])
+    name = _text("systems", table.pop("name"))
+    return f"{name}:{_keys_text(table)}" if table else name
 
 
 def _seeds(value: object) -> tuple[int, ...]:
     if isinstance(value, list):
-        return checked_seeds([_whole("seeds", each) for each in _several(value)])
+        return checked_seeds([whole_number("seeds", each) for each in _several(value)])
     if isinstance(value, str) or (isinstance(value, int) and not isinstance(value, bool)):
         return seeds_of(str(value))
     raise InputError(f"seeds: expected a number, a text as '5..9' or a list, found {value!r}")
@@ -466,9 +437,7 @@ def _seeds(value: object) -> tuple[int, ...]:
 def _rates_of(value: object) -> list[FaultRates]:
     if not isinstance(value, dict):
         return rates_from_text(_text("faults", value))
-    table = cast("dict[str, object]", value)
-    parts = [f"{key}={','.join(map(str, _several(each)))}" for key, each in table.items()]
-    return rates_from_text(",".join(parts) or "none")
+    return rates_from_text(_keys_text(cast("dict[str, object]", value)) or "none")
 
 
 def rates_from_text(text: str) -> list[FaultRates]:
@@ -481,17 +450,12 @@ def rates_from_text(text: str) -> list[FaultRates]:
     """
     if text == "none":
         return [FaultRates()]
-    keys = {field.name: ("", "") for field in fields(FaultRates)}
+    keys = keys_of(FaultRates)
     found: list[FaultRates] = []
     for each in expanded(f"faults:{text}"):
         given = given_values(each.partition(":")[2], keys, "faults")
-        numbers = {key: _rate(key, value) for key, value in given.items()}
-        found.append(FaultRates(**cast("dict[str, Any]", numbers)))
+        try:
+            found.append(options_from_values(FaultRates, all_values(given, keys)))
+        except InputError as error:
+            raise OptionError(f"faults: {error}") from None
     return found
-
-
-def _rate(key: str, value: str) -> float | int:
-    try:
-        return int(value) if key == "slow_factor" else float(value)
-    except ValueError:
-        raise OptionError(f"faults: {key}={value}, expected a number") from None

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cubepath.coordinator.experiments.executors import Workers, played_by, played_here
+from cubepath.coordinator.experiments.batch_runs import searched_again, searching
 from cubepath.coordinator.experiments.folder import SweepFolder, read_rounds, read_runs, table_of
-from cubepath.coordinator.experiments.playing import searched_again, searching
 from cubepath.coordinator.experiments.rows import (
     FAILURES,
     ROUND_COLUMNS,
@@ -20,8 +19,8 @@ from cubepath.coordinator.experiments.rows import (
     in_canonical_order,
 )
 from cubepath.coordinator.experiments.setting import FaultRates, RunBatch, run_id
-from cubepath.coordinator.experiments.spec import Expansion, Sweep, expand, is_small, sweep_of
-from cubepath.coordinator.experiments.workers import Cluster, Pool
+from cubepath.coordinator.experiments.spec import Expansion, expand, is_small, sweep_of
+from cubepath.coordinator.experiments.workers import Cluster, Pool, Workers, played_by, played_here
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within
 
@@ -65,51 +64,23 @@ class SweepResults:
         """Return the rounds as a `pyarrow.Table`; InputError as for `table`."""
         return table_of(self.rounds, ROUND_COLUMNS)
 
-    def frame(self) -> Any:
-        """Return the runs as a `pandas.DataFrame`; InputError if pandas is not installed."""
-        return _frame(self.rows, RUN_COLUMNS)
-
-    def rounds_frame(self) -> Any:
-        """Return the rounds as a `pandas.DataFrame`; InputError as for `frame`."""
-        return _frame(self.rounds, ROUND_COLUMNS)
-
-
-def _frame(rows: Sequence[Row], columns: Iterable[str]) -> Any:
-    try:
-        import pandas as pd  # noqa: PLC0415 - an extra
-    except ImportError:
-        raise InputError("frames need pandas, expected it installed (pip install pandas)") from None
-    return pd.DataFrame.from_records(list(rows), columns=list(columns))
-
 
 def sweep(
-    systems: str | Path | Sweep | Sequence[str],
+    systems: str | Path | Sequence[str],
     *,
-    rules: object = None,
-    clocks: object = None,
-    hesitate: object = None,
-    faults: object = None,
-    seeds: object = None,
-    core: str | None = None,
-    max_rounds: int | None = None,
-    processes: int | None = None,
-    keepers: int | None = None,
-    optimum: int | None = None,
-    improve: int | None = None,
-    timeout_s: float | None = None,
-    data: Path | str | None = None,
     out: Path | str | None = None,
     jobs: int = 1,
     cluster: str | None = None,
     record: bool = False,
     watch: Watch | None = None,
+    **options: object,
 ) -> SweepResults:
     """Play all systems with all rules, clocks, hesitations, faults and seeds; return the rows.
 
-    `systems` are names with ranges and lists, the path of a TOML file, or a `Sweep`. Each argument
-    up to `timeout_s` is one value or several, as in such a file (see `Sweep`), and replaces what
-    the file says; `seeds` is a number of seeds, a text such as "5..9", or the seeds. Paths in the
-    file are relative to `data`, if that is given.
+    `systems` are names with ranges and lists, or the path of a TOML file. The `options` are keys of
+    such a file, as ``rules``, ``seeds`` or ``max_rounds`` (see `Sweep`), and replace what it says:
+    each is one value or several, ``seeds`` a number of seeds, a text such as "5..9", or the seeds.
+    Paths in the file are relative to ``data``, if that is given.
 
     With `out`, rows are written to that folder as Parquet as they come, and runs that are finished
     there are not played again; `record` keeps a recording of each run with messages there. `jobs`
@@ -130,31 +101,9 @@ def sweep(
     hex:n=5 chain 19 goal
     hex:n=5 random 50 max-rounds
     """
-    given = {
-        "rules": rules,
-        "clocks": clocks,
-        "hesitate": hesitate,
-        "faults": faults,
-        "seeds": seeds,
-        "core": core,
-        "max_rounds": max_rounds,
-        "processes": processes,
-        "keepers": keepers,
-        "optimum": optimum,
-        "improve": improve,
-        "timeout_s": timeout_s,
-        "data": None if data is None else str(data),
-    }
-    table = {key: _plain(value) for key, value in given.items() if value is not None}
-    if isinstance(systems, Sweep):
-        if table:
-            raise InputError(
-                f"{next(iter(table))}: given together with a Sweep, expected it in the Sweep"
-            )
-        asked = systems
-    else:
-        names = [str(systems)] if isinstance(systems, str | Path) else [str(s) for s in systems]
-        asked = sweep_of(names, table)
+    table = {key: _plain(value) for key, value in options.items() if value is not None}
+    names = [systems] if isinstance(systems, str | Path) else systems
+    asked = sweep_of(list(map(str, names)), table)
     if jobs < 1:
         raise InputError(f"jobs: {jobs}, expected 1 or more")
     folder = None if out is None else Path(out)
@@ -172,8 +121,8 @@ def sweep(
 
 def _plain(value: object) -> object:
     """Return a value as it would come from a TOML file."""
-    if isinstance(value, FaultRates):
-        return value.text()
+    if isinstance(value, FaultRates | Path):
+        return value.text() if isinstance(value, FaultRates) else str(value)
     if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
         return value
     return [_plain(each) for each in value]
@@ -275,7 +224,7 @@ def _unrecorded(batch: RunBatch) -> bool:
 
 
 def _without(batch: RunBatch, known: Mapping[str, str | None], recordings: Path | None) -> RunBatch:
-    """Return what is left of a batch; where recordings are kept, also what lacks its own."""
+    """Return the rest of a batch; where recordings are kept, also the runs that lack one."""
     kept = None if batch.setting.core == "compiled" else recordings
 
     def is_known(run: str) -> bool:
@@ -297,14 +246,13 @@ def _played(
     apart: bool,
 ) -> Generator[list[FinishedRun]]:
     workers: Workers | None = None
-    few = is_small(batches)
     if cluster is not None:
         workers = Cluster(cluster)
     elif apart:
         workers = Pool(max(1, min(jobs, len(batches))), "jobs=1 and no timeout_s")
-    elif min(jobs, len(batches)) > 1 and not few:
+    elif min(jobs, len(batches)) > 1 and not is_small(batches):
         workers = Pool(min(jobs, len(batches)))
     if workers is None or not batches:
         yield from played_here(batches, recordings)
     else:
-        yield from played_by(workers, batches, recordings, few=few)
+        yield from played_by(workers, batches, recordings)

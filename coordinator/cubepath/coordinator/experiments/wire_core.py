@@ -7,7 +7,7 @@ the same run in compiled code, which the simulator checks.
 import shutil
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 
@@ -34,9 +34,9 @@ from cubepath.coordinator.simulation.faults import SECOND_US, Fault
 from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, free_simulate
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario
 from cubepath.coordinator.simulation.simulated import SimulatedRun, simulate
-from cubepath.coordinator.simulation.swarm import LockstepSwarm
 from cubepath.protocol.core.sites import Ordinals
 from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.messages import Report, decode
 
 _RESULTS = ("edges", "cube", "certificate", "summary")
@@ -44,7 +44,7 @@ _RESULTS = ("edges", "cube", "certificate", "summary")
 
 
 def gathered_run(found: Gathered, facts: SceneFacts, ended: str, reason: str | None) -> PlayedRun:
-    """Return a run as it was gathered; at its goal it has ended there, otherwise as it is said."""
+    """Return a run as it was gathered: ended at its goal, or otherwise as its summary says."""
     numbers = Ordinals[Change]()
     state = set(found.scene.start_state)
     moves: list[int] = []
@@ -165,7 +165,7 @@ _BACK_US = SECOND_US
 _DOUBLED_US = 1000
 """How much later a message comes for the second time."""
 _LONG_US = 120 * SECOND_US
-"""Without rounds, there are no more faults after this virtual time, and what is left must end."""
+"""Without rounds, there are no more faults after this virtual time, and the run must end."""
 _EXPECTED = ("ended", "ran away")
 """What the simulator finds fault with, and is no error of code where faults have no bounds: that
 they ended a run, or kept it from its end."""
@@ -174,44 +174,32 @@ _ENDLESS = "liveness"
 
 
 class _AtRates:
-    """Faults at fixed rates, drawn from the seed; places with their own rates come first."""
+    """Faults at fixed rates, drawn from the seed."""
 
     liars: frozenset[str] = frozenset()
 
     def __init__(self, rates: FaultRates, seed: int, *, back: bool) -> None:
-        self._rates = rates
         self._random = Random(f"{seed}/experiment")  # noqa: S311 - not for secrets
-        self._back_us = _BACK_US if back else 0
-        self._hops: Mapping[str, tuple[float, int]] = {
+        hops = {
             "loss": (rates.loss, 0),
             "delay": (rates.delay, round(1000 * rates.delay_ms)),
             "duplicate": (rates.duplicate, _DOUBLED_US),
         }
+        dies = {"return": (rates.crash, _BACK_US)} if back else {"crash": (rates.crash, 0)}
+        self._rates = {"up": hops, "down": hops, "": dies}
 
-    def on_hop(self, where: str, nth: int) -> Fault | None:
-        """Draw whether something happens to a message."""
-        if not (self._rates.loss or self._rates.delay or self._rates.duplicate):
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:  # noqa: ARG002
+        """Draw whether something happens to a message, or whether a module process dies."""
+        name, _, link = where.partition(" ")
+        rates = self._rates.get(link, {}) if link or name.startswith("process_") else {}
+        if not any(rate for rate, _ in rates.values()):
             return None
         one = self._random.random()
-        for kind, (rate, amount_us) in self._hops.items():
+        for kind, (rate, amount_us) in rates.items():
             if one < rate:
                 return Fault(where, nth, kind, amount_us)
             one -= rate
         return None
-
-    def on_process(self, where: str, nth: int) -> Fault | None:
-        """Draw whether a module process dies."""
-        if not self._rates.crash or not where.startswith("process_") or " " in where:
-            return None
-        if self._random.random() >= self._rates.crash:
-            return None
-        return Fault(where, nth, "return" if self._back_us else "crash", self._back_us)
-
-    def on_router(self, nth: int) -> Fault | None:
-        """Return None: the router stays."""
-
-    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
-        """Return None: nobody lies."""
 
 
 def play_simulated(
@@ -233,7 +221,8 @@ def play_simulated(
     played = recorded_run(found.recording, facts, *_ended_simulated(found, setting))
     if log is not None:
         log.parent.mkdir(parents=True, exist_ok=True)
-        LockstepSwarm().write(found, log, f"seed {seed}, faults {setting.faults.text()}")
+        why = f"seed {seed}, faults {setting.faults.text()}"
+        copy_recording(found.recording, log, {"simulated": why})
         played.recording = log.name
     played.time = found.seconds
     played.seconds = time.monotonic() - began
@@ -271,7 +260,6 @@ def _free(setting: RunSetting, facts: SceneFacts, seed: int) -> PlayedRun:
         factors=tuple(factors.get(module, 0.0) for module in range(len(scene.start))),
         moves=setting.max_rounds * len(scene.start),
         long_us=_LONG_US,
-        files=False,
         seed=seed,
         ends_at_goal=scene.goal is not None,
     )

@@ -1,17 +1,35 @@
-"""Workers: processes on the cores of this machine, or those of a dask cluster."""
+"""Batches of runs handed to workers: processes of this machine, or of a dask cluster.
+
+An executor needs to do only what `concurrent.futures.Executor` promises. When a process dies, no
+result is lost: each run that may have killed it is played once more, alone, and gets a row with the
+reason if it ends in the same way again.
+"""
 
 import contextlib
 import multiprocessing
+import multiprocessing.connection as connections
 import os
 import signal
 import threading
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
-from multiprocessing.connection import wait
+import time
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from dataclasses import dataclass, field, replace
 from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from cubepath.coordinator.experiments.playing import play_batch
+from cubepath.coordinator.experiments.batch_runs import GRACE_S, late, play_batch
+from cubepath.coordinator.experiments.outcomes import DIED, failed
 from cubepath.coordinator.experiments.rows import FinishedRun
 from cubepath.coordinator.experiments.setting import RunBatch
 from cubepath.coordinator.experiments.wire_core import discard_scratch
@@ -95,25 +113,18 @@ class Pool:
             for process in self._context.started:
                 with contextlib.suppress(ValueError, AttributeError):  # closed, or never started
                     process.terminate()
-            for process in self._alive():
-                process.join(_END_S_MAX)
-                if process.is_alive():
-                    process.kill()
-                    process.join()
+            for process in self._context.started:
+                with contextlib.suppress(ValueError, AssertionError, AttributeError):
+                    process.join(_END_S_MAX)
+                    if process.is_alive():
+                        process.kill()
+                        process.join()
             # One that was ended while it sent an answer leaves half of it. The thread that reads
             # answers waits for the rest for as long as anybody, this process too, could write it.
             private: Any = executor
             private._result_queue._writer.close()  # noqa: SLF001 - there is no public way to it
         # It waits for the thread that reaps them, too: until then one may look alive that is not.
         executor.shutdown(wait=True, cancel_futures=at_once)
-
-    def _alive(self) -> list[SpawnProcess]:
-        found = []
-        for process in self._context.started:
-            with contextlib.suppress(ValueError, AssertionError, AttributeError):
-                if process.is_alive():
-                    found.append(process)
-        return found
 
 
 def _begin() -> None:
@@ -128,7 +139,7 @@ def _begin() -> None:
 
 
 def _end_with(sentinel: int) -> None:
-    wait([sentinel])
+    connections.wait([sentinel])
     _end()
 
 
@@ -173,3 +184,110 @@ class Cluster:
         if not at_once:
             self._executor.shutdown(wait=True)
         client.close()
+
+
+Workers: TypeAlias = Pool | Cluster
+"""Executors one after another: a new one each time that the last one is broken."""
+
+
+_AHEAD = 2
+"""This many batches for each worker are handed out at a time."""
+_LOOK_S = 0.5
+
+
+def played_here(
+    batches: Iterable[RunBatch], recordings: Path | None
+) -> Iterator[list[FinishedRun]]:
+    """Play batches in this process, one after another."""
+    for batch in batches:
+        yield play_batch(batch, recordings)
+
+
+def played_by(
+    workers: Workers, batches: Iterable[RunBatch], recordings: Path | None
+) -> Generator[list[FinishedRun]]:
+    """Yield the rows of batches as they are finished; whatever happens, no worker is left at it."""
+    playing = _Playing(workers, deque(batches), recordings)
+    done = False
+    try:
+        yield from playing.results()
+        done = True
+    finally:
+        for future in playing.running:
+            future.cancel()
+        workers.end(at_once=not done)
+
+
+@dataclass(slots=True)
+class _Playing:
+    """What is handed out, and what has to be played alone."""
+
+    workers: Workers
+    left: deque[RunBatch]
+    recordings: Path | None
+    running: dict[Future[list[FinishedRun]], RunBatch] = field(default_factory=dict)
+    _suspects: deque[RunBatch] = field(default_factory=deque)
+    """Runs during which a process died: each has to be played alone."""
+    _alone: bool = False
+    """Whether one of these is played now."""
+    _began_s: float = 0.0
+    """When something was handed out last."""
+
+    def results(self) -> Iterator[list[FinishedRun]]:
+        executor = self.workers.start()
+        while self.left or self._suspects or self.running:
+            self._hand_out(executor)
+            # With a timeout, so that an interrupt is noticed wherever it is that one waits.
+            done = wait(self.running, timeout=_LOOK_S, return_when=FIRST_COMPLETED).done
+            broken = any(isinstance(_error(future), BrokenExecutor) for future in done)
+            if broken:  # and so are all others, or they are finished
+                done = wait(self.running).done
+            for future in done:
+                batch, error = self.running.pop(future), _error(future)
+                if error is None:
+                    yield future.result()
+                elif self._alone:
+                    yield [self._died(batch, error)]
+                else:
+                    self._suspects.extend(replace(batch, seeds=(seed,)) for seed in batch.seeds)
+            if broken:
+                self.workers.end(at_once=True)
+                executor = self.workers.start()
+
+    def _hand_out(self, executor: Executor) -> None:
+        if self._suspects or self._alone:
+            # One at a time: only what it does itself can then end its process.
+            if not self.running:
+                self._alone = bool(self._suspects)
+                if self._suspects:
+                    self._submit(executor, self._suspects.popleft())
+            return
+        while self.left and len(self.running) < _AHEAD * self.workers.count:
+            self._submit(executor, self.left.popleft())
+
+    def _submit(self, executor: Executor, batch: RunBatch) -> None:
+        try:
+            future = executor.submit(self.workers.play, batch, self.recordings)
+        except BrokenExecutor as error:
+            future = Future()
+            future.set_exception(error)
+        self.running[future] = batch
+        self._began_s = time.monotonic()
+
+    def _died(self, batch: RunBatch, error: BaseException) -> FinishedRun:
+        """Return the row of the one run of a batch, whose process died, or failed, twice."""
+        seconds = time.monotonic() - self._began_s
+        if batch.timeout_s is not None and seconds >= batch.timeout_s + GRACE_S:
+            more = ", and could not be interrupted: its process was ended"
+            return late(batch, seconds, known=False, more=more)
+        return failed(batch, batch.seeds[0], DIED, _why(error))
+
+
+def _error(future: Future[list[FinishedRun]]) -> BaseException | None:
+    return CancelledError("cancelled") if future.cancelled() else future.exception()
+
+
+def _why(error: BaseException) -> str:
+    if isinstance(error, BrokenExecutor):
+        return "its process died, and died again when the run was played alone"
+    return f"its process failed twice: {type(error).__name__}: {error}"

@@ -80,18 +80,18 @@ def _walk(  # noqa: C901, PLR0912 - one function, since a call costs as much as 
                 if supports.says[index] & TRACE:
                     state[supports.sites[index]] |= _UNKNOWN
             continue
-        told = ends[move]
+        end_index = ends[move]
         fits = 3
         for index in range(begin, stop):
-            site, said = supports.sites[index], supports.says[index]
-            if said & FREE:
+            site, local = supports.sites[index], supports.says[index]
+            if local & FREE:
                 continue
             if state[site] & _UNKNOWN:
-                if told < 0:
+                if end_index < 0:
                     continue
-                state[site] = (said >> told) & 1
+                state[site] = (local >> end_index) & 1
             # One bit for each local state that agrees with the state of the site.
-            fits &= said if state[site] & _ON else ~said
+            fits &= local if state[site] & _ON else ~local
         for place in range(supports.guard_starts[number], supports.guard_starts[number + 1]):
             one, other = supports.guards[place]
             if state[one] == _ON and state[other] == 0:
@@ -101,16 +101,16 @@ def _walk(  # noqa: C901, PLR0912 - one function, since a call costs as much as 
         end = 0 if fits & 1 else 1
         if fits == 3:
             # Both local states fit, so no site of the trace is known, and the move does not say.
-            end = told
+            end = end_index
         ends[move] = end
         for index in range(begin, stop):
-            site, said = supports.sites[index], supports.says[index]
-            if said & FREE:
+            site, local = supports.sites[index], supports.says[index]
+            if local & FREE:
                 continue
             if end < 0:
-                state[site] |= _UNKNOWN & (said & TRACE) >> 1
-            elif said & TRACE:
-                state[site] = (said >> (1 - end)) & 1
+                state[site] |= _UNKNOWN & (local & TRACE) >> 1
+            elif local & TRACE:
+                state[site] = (local >> (1 - end)) & 1
             else:
-                state[site] = (said >> end) & 1
+                state[site] = (local >> end) & 1
     return -1

@@ -69,16 +69,16 @@ def normal_form(numbers: Numbers, table: ActionTable) -> NormalForm:
     >>> found.levels.tolist(), found.partners.tolist()
     ([0, 1, 0], [2, -1, 0])
     """
-    levels, partners = NumberedHeap(table).append(numbers, told=True)
-    # The kernel marks the later move of a pair by a negative level; here both have level 0.
-    return NormalForm(np.maximum(levels, 0, out=levels), partners)
+    heap = NumberedHeap(table, telling=True)
+    heap.append(numbers)
+    return heap.normal_form()
 
 
 class NumberedHeap:
     """A heap of pieces over numbered sites and actions, which may be added at any time.
 
-    Space is that of the remaining pieces, the sites and the actions. With `telling` it keeps 12
-    more bytes for each move, to say what became of it.
+    Space is that of the remaining pieces, the sites and the actions. With `telling` it keeps 8 more
+    bytes for each move, to say what became of it.
     """
 
     def __init__(self, table: ActionTable | None = None, *, telling: bool = False) -> None:
@@ -90,19 +90,19 @@ class NumberedHeap:
             slots=_numbers(0),
             pieces=_numbers(0),
             sizes=_numbers(0),
-            tally=_numbers(1),
             totals=np.zeros(kernel.TOTALS, dtype=np.int64),
         )
         self._sites = 0
         self._actions = 0
         self._incidences = 0
-        self._journal = _Journal() if telling else None
+        # What became of all moves, as the kernel writes it.
+        self._fates = NormalForm(_NONE, _NONE) if telling else None
         if table is not None:
             self.add_actions(table)
 
     @property
     def moves(self) -> int:
-        """Return the number of moves appended so far; O(1), as are the other counts."""
+        """Return the number of moves appended so far; O(1)."""
         return int(self._heap.totals[kernel.MOVES])
 
     @property
@@ -117,8 +117,8 @@ class NumberedHeap:
 
     @property
     def max_cube_dimension(self) -> int:
-        """Return the greatest dimension of a cube, 0 if there is none."""
-        return int(self._heap.totals[kernel.LARGEST])
+        """Return the greatest dimension of a cube, 0 if there is none; O(cubes)."""
+        return int(self._heap.sizes[: self.cubes].max(initial=0))
 
     @property
     def nbytes(self) -> int:
@@ -162,16 +162,11 @@ class NumberedHeap:
         columns[self._sites : count] = 0
         columns[self._sites : count, kernel.DOWN] = -1
         self._sites = count
-        # The traces in a cube are disjoint and not empty, so no level has more pieces than sites.
-        self._heap = self._heap._replace(
-            columns=columns, tally=_longer(self._heap.tally, count + 2)
-        )
+        self._heap = self._heap._replace(columns=columns)
 
-    def append(self, numbers: Numbers, *, told: bool = False) -> NormalForm:
+    def append(self, numbers: Numbers) -> None:
         """Append the moves with these action numbers, shape (moves,), int32.
 
-        With `told` return what became of them up to here, with the signs of
-        `cubepath.coordinator.normal_form.kernel.append_moves`; otherwise two empty arrays.
         InputError if a number is not that of an action, or if any count exceeds 32 bits.
         """
         count = len(numbers)
@@ -181,10 +176,10 @@ class NumberedHeap:
             raise InputError(f"more than {_MOST} moves, expected at most that many in one heap")
         self._heap = self._heap._replace(sizes=_longer(self._heap.sizes, self.cubes + count))
         levels = partners = _NONE
-        if self._journal is not None:
-            levels, partners = self._journal.room(numbers)
-        elif told:
-            levels, partners = np.empty(count, np.int32), np.empty(count, np.int32)
+        if self._fates is not None:
+            size = self.moves + count
+            self._fates = NormalForm(*(_longer(each, size) for each in self._fates))
+            levels, partners = (each[:size] for each in self._fates)
         # Room for a large part of a path is reserved at once; otherwise full blocks are doubled.
         reserved = count >= max(self._sites + self._actions, self.reduced_moves)
         if reserved:
@@ -195,8 +190,6 @@ class NumberedHeap:
         while done < count:
             self._pack()
             done = append_moves(self._heap, numbers, done, False, levels, partners)
-        skip = len(levels) - count if told else len(levels)
-        return NormalForm(levels[skip:], partners[skip:])
 
     def _reserve(self, numbers: Numbers) -> None:
         slots, pieces = _used(self._columns()), _used(self._rows())
@@ -237,10 +230,6 @@ class NumberedHeap:
     def _rows(self) -> Numbers:
         return self._heap.actions[: self._actions]
 
-    def level_of(self, action: int) -> int:
-        """Return the level of the last piece of an action, from 1, or 0 if there is none."""
-        return int(self._heap.actions[action, kernel.LAST])
-
     def pieces(self) -> NumberedPieces:
         """Return all pieces; O(pieces + actions), plus sorting them by level."""
         rows = self._rows()
@@ -253,34 +242,15 @@ class NumberedHeap:
         return _in_order(found[places], numbers, found[places + 1])
 
     def normal_form(self) -> NormalForm:
-        """Return what became of each move so far; ValueError if the heap is not `telling`."""
-        if self._journal is None:
+        """Return what became of each move so far, in arrays that no further move changes.
+
+        ValueError if the heap is not `telling`.
+        """
+        if self._fates is None:
             raise ValueError("the heap was not asked to record what becomes of all moves")
-        return self._journal.normal_form()
-
-
-class _Journal:
-    """What became of all moves, as the kernel writes it."""
-
-    def __init__(self) -> None:
-        self._size = 0
-        self._actions = self._levels = self._partners = _NONE
-
-    def room(self, numbers: Numbers) -> tuple[Levels, Numbers]:
-        """Take the numbers of further moves; return the arrays for the kernel to write."""
-        size = self._size + len(numbers)
-        self._actions = _longer(self._actions, size)
-        self._levels = _longer(self._levels, size)
-        self._partners = _longer(self._partners, size)
-        self._actions[self._size : size] = numbers
-        self._size = size
-        return self._levels[:size], self._partners[:size]
-
-    def normal_form(self) -> NormalForm:
-        """Return what became of each move, in arrays that no further move changes."""
+        levels, partners = (each[: self.moves] for each in self._fates)
         # The kernel marks the later move of a pair by a negative level; here both have level 0.
-        levels = np.maximum(self._levels[: self._size], 0)
-        return NormalForm(levels, self._partners[: self._size].copy())
+        return NormalForm(np.maximum(levels, 0), partners.copy())
 
 
 _NONE = np.empty(0, dtype=np.int32)

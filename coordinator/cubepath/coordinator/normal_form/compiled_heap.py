@@ -6,7 +6,6 @@ numbers sites and actions for `cubepath.coordinator.normal_form.array_heap`. Sou
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +38,6 @@ class Numbering:
             self.actions.append(action)
         return found
 
-    def known(self, action: Action) -> int | None:
-        """Return the number of an action, or None if it has not been met."""
-        return self._number.get(action)
-
     def table(self) -> array_heap.ActionTable | None:
         """Return the rows of the actions met since the last call, None if there are none.
 
@@ -65,14 +60,6 @@ def _rows(lists: Sequence[Sequence[int]]) -> tuple[Numbers, Numbers]:
     return starts, np.array([site for found in lists for site in found], dtype=np.int32)
 
 
-class PathCounts(NamedTuple):
-    """The moves of a path that are left after cancellation, its cubes, and the largest of them."""
-
-    reduced_moves: int
-    cubes: int
-    max_cube_dimension: int
-
-
 class PathCounter:
     """Counts of many paths of the same actions, which are numbered once for all of them."""
 
@@ -82,16 +69,16 @@ class PathCounter:
         self._numbers = np.array([numbering.number(action) for action in actions], dtype=np.int32)
         self._table = numbering.table()
 
-    def count(self, moves: NDArray[np.int64]) -> PathCounts:
-        """Return the counts of a path, given by the numbers of its moves, shape (moves,).
+    def count(self, moves: NDArray[np.int64]) -> array_heap.NumberedHeap:
+        """Return the heap of a path, given by the numbers of its moves, shape (moves,).
 
         >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
-        >>> PathCounter([step, far]).count(np.array([0, 1, 0]))
-        PathCounts(reduced_moves=1, cubes=1, max_cube_dimension=1)
+        >>> PathCounter([step, far]).count(np.array([0, 1, 0])).reduced_moves
+        1
         """
         heap = array_heap.NumberedHeap(self._table)
         heap.append(self._numbers[moves])
-        return PathCounts(heap.reduced_moves, heap.cubes, heap.max_cube_dimension)
+        return heap
 
 
 def cancellations(actions: Iterable[Action]) -> array_heap.NormalForm:
@@ -156,7 +143,8 @@ class FastHeap:
     heap, and shows why cancellation needs no search. New sites and actions may come at any time.
     Moves wait in a short queue until a result is asked for, since a call into compiled code costs
     as much as some tens of moves; the same code runs in plain Python until there are enough moves
-    for compiling to pay. Space is that of the remaining pieces and of the distinct actions met.
+    for compiling to pay. Space is that of the remaining pieces, of the distinct actions met, and of
+    the moves that are equal to one of these, but have another label.
 
     >>> step = Action([1, 2], [1, 2], [1], [2])
     >>> far = Action([5, 6], [5, 6], [5], [6])
@@ -176,15 +164,12 @@ class FastHeap:
         self._heap = array_heap.NumberedHeap(telling=telling)
         self._numbering = Numbering()
         self._queue: list[int] = []
-        # Moves in the heap whose label differs from that of the first equal action.
+        # The moves whose label differs from that of the first equal action.
         self._labelled: dict[int, Action] = {}
 
     @property
     def moves(self) -> int:
-        """Return the number of moves appended so far; O(1).
-
-        The other counts are O(1) too, apart from the moves that wait in the queue.
-        """
+        """Return the number of moves appended so far; O(1)."""
         return self._heap.moves + len(self._queue)
 
     @property
@@ -199,7 +184,7 @@ class FastHeap:
 
     @property
     def max_cube_dimension(self) -> int:
-        """Return the greatest dimension of a cube, 0 if there is none."""
+        """Return the greatest dimension of a cube, 0 if there is none; O(cubes)."""
         return self._all().max_cube_dimension
 
     def append(self, action: Action) -> None:
@@ -216,14 +201,6 @@ class FastHeap:
         """Append the moves in order."""
         for action in actions:
             self.append(action)
-
-    def level_of(self, action: Action) -> int:
-        """Return the level of the last piece that equals `action`, 0 if there is none.
-
-        Levels count from 1: a piece of level i is in the i-th cube, and runs in the i-th round.
-        """
-        number = self._numbering.known(action)
-        return 0 if number is None else self._all().level_of(number)
 
     def cube_path(self) -> tuple[tuple[Action, ...], ...]:
         """Return the normal cube path; O(remaining moves), plus sorting the distinct actions.
@@ -261,11 +238,6 @@ class FastHeap:
         table = self._numbering.table()
         if table is not None:
             heap.add_actions(table)
-        first = heap.moves
-        found = heap.append(np.array(queue, dtype=np.int32), told=bool(self._labelled))
+        heap.append(np.array(queue, dtype=np.int32))
         queue.clear()
-        if self._labelled:
-            for place in np.flatnonzero(found.partners >= 0).tolist():
-                self._labelled.pop(first + place, None)
-                self._labelled.pop(int(found.partners[place]), None)
         return heap

@@ -11,9 +11,8 @@ The heap needs the actions alone, neither states nor files. The proof is in the 
 
 from __future__ import annotations
 
-from collections import Counter
+from bisect import bisect_left, insort
 from collections.abc import Iterable
-from heapq import heappop, heappush
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site, in_order
@@ -38,11 +37,11 @@ class Heap:
 
     Removal. The level of a piece depends only on the pieces beneath it, and nothing lies over the
     piece that is removed, so no other level changes. A site forgets its last writer, or any one of
-    the readers since: hence `_Readers`.
+    the readers since.
 
-    Cost. A move costs the size of its support, and at each site that it reads at most the logarithm
-    of the number of readers since the last writer (amortised). Space is that of the remaining
-    pieces: empty columns and actions are dropped.
+    Cost. A move costs the size of its support, and at each site that it reads a place in the sorted
+    list of the readers since the last writer. Space is that of the remaining pieces: empty columns
+    and actions are dropped.
 
     >>> step = Action([1, 2], [1, 2], [1], [2])
     >>> far = Action([5, 6], [5, 6], [5], [6])
@@ -112,14 +111,6 @@ class Heap:
         for action in actions:
             self.append(action)
 
-    def level_of(self, action: Action) -> int:
-        """Return the level of the last piece that equals `action`, 0 if there is none.
-
-        Levels count from 1: a piece of level i is in the i-th cube, and runs in the i-th round.
-        """
-        placed = self._placed.get(action)
-        return 0 if placed is None else placed.pieces[-1][0]
-
     def cube_path(self) -> tuple[tuple[Action, ...], ...]:
         """Return the normal cube path; O(remaining moves), plus sorting the distinct actions.
 
@@ -141,13 +132,8 @@ class Heap:
         columns = self._columns
 
         def resolve(sites: frozenset[Site]) -> tuple[_Column, ...]:
-            found: list[_Column] = []
-            for site in sites:
-                column = columns.get(site)
-                if column is None:
-                    column = columns[site] = _Column(site)
-                found.append(column)
-            return tuple(found)
+            each = (columns.get(site) or columns.setdefault(site, _Column(site)) for site in sites)
+            return tuple(each)
 
         placed = self._placed[action] = _Placed(resolve(action.trace), resolve(action.reads))
         return placed
@@ -231,10 +217,11 @@ class _Column:
         self.site = site
         self.top = 0
         self.writer = 0
+        # In ascending order.
         self._readers = _NOBODY
         # Under each writer: the writer before it, and the readers between the two.
         self._writers: list[int] = []
-        self._groups: list[_Readers] = []
+        self._groups: list[list[int]] = []
 
     def write(self, level: int) -> None:
         self._writers.append(self.writer)
@@ -245,64 +232,24 @@ class _Column:
     def unwrite(self) -> None:
         self.writer = self._writers.pop()
         self._readers = self._groups.pop()
-        self.top = self._readers.greatest or self.writer
+        self.top = self._readers[-1] if self._readers else self.writer
 
     def read(self, level: int) -> None:
-        if self._readers is _NOBODY:
-            self._readers = _Readers([-level])
+        if not self._readers:
+            self._readers = [level]
+        elif level >= self._readers[-1]:
+            self._readers.append(level)
         else:
-            self._readers.add(level)
+            insort(self._readers, level)
         self.top = max(self.top, level)
 
     def unread(self, level: int) -> None:
-        self._readers.remove(level)
-        self.top = self._readers.greatest or self.writer
-
-
-class _Readers:
-    """The levels of a group of readers: a multiset with fast access to its greatest element.
-
-    Two binary heaps of negated levels: those that were added, and those of them that were removed
-    since. The greatest added level is never a removed one, and at most half of the added levels are
-    removed ones, so little memory is wasted.
-    """
-
-    __slots__ = ("_added", "_removed")
-
-    def __init__(self, negated: list[int]) -> None:
-        self._added = negated
-        self._removed: list[int] | None = None
-
-    @property
-    def greatest(self) -> int:
-        """Return the greatest level, 0 if the group is empty."""
-        return -self._added[0] if self._added else 0
-
-    def add(self, level: int) -> None:
-        heappush(self._added, -level)
-
-    def remove(self, level: int) -> None:
-        added = self._added
-        if added[0] == -level:
-            heappop(added)
+        if self._readers[-1] == level:
+            self._readers.pop()
         else:
-            if self._removed is None:
-                self._removed = []
-            heappush(self._removed, -level)
-        removed = self._removed
-        if removed is None:
-            return
-        while removed and removed[0] == added[0]:
-            heappop(removed)
-            heappop(added)
-        # The removal of more than half pays for rebuilding the rest; a sorted list is a heap.
-        if 2 * len(removed) > len(added):
-            left = Counter(added)
-            left.subtract(removed)
-            self._added = sorted(left.elements())
-        elif removed:
-            return
-        self._removed = None
+            del self._readers[bisect_left(self._readers, level)]
+        self.top = self._readers[-1] if self._readers else self.writer
 
 
-_NOBODY = _Readers([])
+_NOBODY: list[int] = []
+"""The readers of a group that has none; it stays empty."""

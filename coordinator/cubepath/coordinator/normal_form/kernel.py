@@ -43,8 +43,8 @@ LAST, FIRST, READS, STOP = 4, 5, 6, 7
 FIELDS = 8
 
 # Entries of `totals`. The last two are the parts of each pool that belong to blocks.
-MOVES, REDUCED, CUBES, LARGEST, SLOTS_USED, PIECES_USED = 0, 1, 2, 3, 4, 5
-TOTALS = 6
+MOVES, REDUCED, CUBES, SLOTS_USED, PIECES_USED = 0, 1, 2, 3, 4
+TOTALS = 5
 
 FRAME = 3
 """Slots of a writer: the writer before it, the size of the group under it, and its gone levels."""
@@ -63,8 +63,7 @@ class Arrays(NamedTuple):
     """The whole state of the heap; the arrays may be longer than the part in use.
 
     `columns` has shape (sites, 8) and `actions` (actions, 8), with the fields above. `sizes` holds
-    the number of pieces of each level, from 0; `tally` holds for each number above 0 how many
-    levels have this many pieces.
+    the number of pieces of each level, from 0.
     """
 
     columns: Numbers
@@ -73,7 +72,6 @@ class Arrays(NamedTuple):
     slots: Numbers
     pieces: Numbers
     sizes: Numbers
-    tally: Numbers
     totals: Totals
 
 
@@ -90,7 +88,7 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
     """Append the moves with these action numbers, from place `begin` on; return where it stopped.
 
     It stops if a pool has no room for the next move (never with `reserved`, which promises that
-    there is room for all moves). `sizes` and `tally` must have room for all.
+    there is room for all moves). `sizes` must have room for all.
 
     `levels` and `partners` receive what became of the last moves, as many as they have entries,
     counted from the end of `numbers`; they may be empty. A move in the heap has its level and -1. A
@@ -98,11 +96,10 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
     has minus the level where the other lay, and the other's number. Moves are numbered from 0.
     """
     columns, actions, sites = heap.columns, heap.actions, heap.sites
-    slots, pieces, sizes, tally = heap.slots, heap.pieces, heap.sizes, heap.tally
-    totals = heap.totals
-    move, cubes, largest, reduced = (totals[MOVES], totals[CUBES], totals[LARGEST], totals[REDUCED])
+    slots, pieces, sizes, totals = heap.slots, heap.pieces, heap.sizes, heap.totals
+    move, cubes, reduced = totals[MOVES], totals[CUBES], totals[REDUCED]
     first = move + len(numbers) - begin - len(levels)
-    told = len(levels) > 0
+    labelled = len(levels) > 0
     place = begin
     while place < len(numbers):
         number = at(numbers[place])
@@ -148,18 +145,12 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
                     found -= 1
                 slots[at(found)] = slots[at(up)]
                 columns[site, UP] = up
-            size = sizes[at(last - 1)]
-            sizes[at(last - 1)] = size - 1
-            tally[at(size)] -= 1
-            tally[at(size - 1)] += 1
-            # This level has one piece less now, so the greatest size falls by at most one.
-            if size == largest and tally[at(size)] == 0:
-                largest -= 1
+            sizes[at(last - 1)] -= 1
             # Under every piece lies one of the level below: only the last level can become empty.
-            if size == 1:
+            if sizes[at(last - 1)] == 0:
                 cubes -= 1
             reduced -= 1
-            if told:
+            if labelled:
                 levels[at(move - first)] = -last
                 partners[at(move - first)] = partner
                 if partner >= first:
@@ -198,21 +189,16 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
                     continue
                 slots[at(up)] = level
                 columns[site, UP] = up + 1
-            size = sizes[at(below)] + 1
-            sizes[at(below)] = size
-            tally[at(size - 1)] -= 1
-            tally[at(size)] += 1
-            largest = max(largest, size)
+            sizes[at(below)] += 1
             cubes = max(cubes, level)
             reduced += 1
-            if told:
+            if labelled:
                 levels[at(move - first)] = level
                 partners[at(move - first)] = -1
         move += 1
         place += 1
     totals[MOVES] = move
     totals[CUBES] = cubes
-    totals[LARGEST] = largest
     totals[REDUCED] = reduced
     return place
 

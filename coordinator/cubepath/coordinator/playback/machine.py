@@ -1,14 +1,14 @@
 """The player as a pure machine: time and orders come in as data, effects come out as data.
 
 It reads the recording, knows no clock and publishes nothing: its driver tells it the time and
-carries out its effects. So a test plays an hour in no time. Orders and their answers are structs,
-which are JSON on the wire: docs/replay.md specifies the keys.
+carries out its effects. So a test plays an hour in no time. Answers are JSON on the wire:
+docs/replay.md specifies the keys.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import msgspec
 
@@ -23,8 +23,8 @@ from cubepath.coordinator.playback.timeline import (
     read_spot,
 )
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.core.sites import Site, site_hook
+from cubepath.protocol.core.options import known_name, whole_number
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import ROOT
 
@@ -34,68 +34,30 @@ UNITS: tuple[Unit, ...] = ("message", "round")
 COUNT_MAX = 1_000_000_000
 
 
-class Play(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Play on, from where it stands."""
+class Order(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a player is to do: the name of an order, and its parameters; docs/replay.md has each."""
 
-
-class Pause(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Publish nothing more until ordered to."""
-
-
-class Toggle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Pause if it plays, and play on if it is paused."""
-
-
-class StepForward(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Put the next messages, or all up to the end of a round, and pause there."""
-
-    unit: Unit = "message"
+    name: str
+    unit: str = "message"
     count: int = 1
-
-
-class StepBack(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Go back by messages, or to where the round of the last message began, and pause there."""
-
-    unit: Unit = "message"
-    count: int = 1
-
-
-class Seek(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Go to where a round, level or time begins: "12", "3.5s". It plays on if it did."""
-
-    to: str
-
-
-class Rate(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Play at another rate from now on: "10", "2x", "max"; or `times` as fast as before."""
-
+    to: str = ""
     rate: str = ""
     times: float = 0.0
 
 
-class Stop(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """End the replay."""
-
-
-class StatusQuery(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Change nothing; answer where it stands."""
-
-
-Order: TypeAlias = Play | Pause | Toggle | StepForward | StepBack | Seek | Rate | Stop | StatusQuery
-
-ORDERS: dict[str, type[Order]] = {
-    "play": Play,
-    "resume": Play,
-    "pause": Pause,
-    "toggle": Toggle,
-    "step": StepForward,
-    "back": StepBack,
-    "seek": Seek,
-    "rate": Rate,
-    "stop": Stop,
-    "status": StatusQuery,
+ORDERS: dict[str, tuple[str, ...]] = {
+    "play": (),
+    "resume": (),
+    "pause": (),
+    "toggle": (),
+    "step": ("unit", "count"),
+    "back": ("unit", "count"),
+    "seek": ("to",),
+    "rate": ("rate", "times"),
+    "stop": (),
+    "status": (),
 }
-"""The last part of the key of each order."""
+"""The parameters of each order, by its name, which is the last part of its key."""
 
 
 class PlayerStatus(msgspec.Struct, frozen=True):
@@ -132,7 +94,7 @@ class Position(msgspec.Struct, frozen=True, tag_field="kind", tag="position"):
     >>> with Player("logs/golden/hex-5.mcap", topics=["reports"], run="shown") as player:
     ...     with open_client(player.endpoint) as session:
     ...         jumps = session.declare_subscriber("cubepath/shown/player/position")
-    ...         _ = list(session.get("cubepath/shown/player/status"))  # so it is heard by now
+    ...         _ = list(session.get("cubepath/shown/player/status"))  # so it has been heard
     ...         _ = player.step(), player.seek("12"), player.step()
     ...         jump = json.loads(jumps.recv().payload.to_bytes())
     >>> jump["why"], jump["round"], jump["after"], jump["modules"][0]
@@ -165,44 +127,31 @@ def player_key(run: str) -> str:
     return f"{ROOT}/{run}/player"
 
 
-def read_order(name: str, given: Mapping[str, str]) -> Order:
+def read_order(name: str, given: Mapping[str, object]) -> Order:
     """Return the order of a name with these parameters; InputError in one line if it is none.
 
-    >>> read_order("step", {"unit": "round"}), read_order("seek", {"to": "3.5s"})
-    (StepForward(unit='round', count=1), Seek(to='3.5s'))
+    >>> read_order("step", {"unit": "round"}).count, read_order("seek", {"to": "3.5s"}).to
+    (1, '3.5s')
     """
-    kind = ORDERS.get(name)
-    if kind is None:
-        near = did_you_mean(name, ORDERS)
-        raise InputError(f"unknown order {name!r}{near}, expected one of {', '.join(ORDERS)}")
+    known_name("order ", name, ORDERS)
+    for key in given:
+        known_name(f"{name}: ", key, ORDERS[name])
     try:
-        found: Order = msgspec.convert(dict(given), kind, strict=False, dec_hook=site_hook)
+        order = msgspec.convert({"name": name, **given}, Order, strict=False)
     except msgspec.ValidationError as error:
-        fields = ", ".join(kind.__struct_fields__) or "no parameters"
-        raise InputError(f"{name}: {error}; expected {fields}") from None
-    return checked(found)
-
-
-def checked(order: Order) -> Order:
-    """Return the order; InputError if what it says cannot be."""
-    match order:
-        case StepForward(unit=unit, count=count) | StepBack(unit=unit, count=count):
-            known: Any = unit
-            if known not in UNITS:
-                raise InputError(f"unit={unit}: expected message or round")
-            if isinstance(count, bool) or not 1 <= count <= COUNT_MAX:
-                raise InputError(f"count={count}: expected 1 or more, and at most {COUNT_MAX}")
-        case Seek(to=to):
-            read_spot(to)
-        case Rate(rate=rate, times=times):
-            if bool(rate) == bool(times):
-                raise InputError("rate: expected either rate, such as 2x, or times, such as 1.1")
-            if rate:
-                read_pace(rate)
-            elif not 1e-6 <= times <= 1e6:
-                raise InputError(f"times={times:g}: expected from 0.000001 to 1000000")
-        case _:
-            pass
+        raise InputError(f"{name}: {error}") from None
+    if name in {"step", "back"}:
+        known_name("unit=", order.unit, UNITS)
+        whole_number("count", order.count, 1, COUNT_MAX)
+    elif name == "seek":
+        read_spot(order.to)
+    elif name == "rate":
+        if bool(order.rate) == bool(order.times):
+            raise InputError("rate: expected either rate, such as 2x, or times, such as 1.1")
+        if order.rate:
+            read_pace(order.rate)
+        elif not 1e-6 <= order.times <= 1e6:
+            raise InputError(f"times={order.times:g}: expected from 0.000001 to 1000000")
     return order
 
 
@@ -211,16 +160,13 @@ class PendingOrder:
 
     def __init__(
         self,
-        order: Callable[[], Order],
+        order: Order,
         answer: Callable[[PlayerStatus], object],
-        refuse: Callable[[str], object],
+        refuse: Callable[[str], object] = lambda _: None,
         *,
         at_end: bool = False,
     ) -> None:
-        """`order` returns the order, or raises InputError if it is none.
-
-        The player answers it when it was carried out or (`at_end`) when all is played.
-        """
+        """The player answers it when it was carried out or (`at_end`) when all is played."""
         self.at_end = at_end
         self.order = order
         self.answer = answer
@@ -283,7 +229,6 @@ class Machine:
         until: TimelinePosition | None = None,
         loop: bool = False,
         paused: bool = False,
-        delay_s: float = 0.0,
         max_gap_s: float | None = None,
     ) -> None:
         """Stand at `begin`, and end after `until`; InputError if nothing lies in between."""
@@ -300,9 +245,7 @@ class Machine:
         self.stopped = False
         self.laps = 0
         self._jump: Why | None = "from" if begin is not None else None
-        self._delay_s: float | None = delay_s or None
         self._max_gap_s = max_gap_s
-        self._not_before: float | None = None
         self._anchor: tuple[float, float] | None = None
         """When it played which beat; None before the next message is due at once."""
         self._last_due = 0.0
@@ -368,8 +311,6 @@ class Machine:
         if self._jump is not None and not self.stopped:
             why, self._jump = self._jump, None
             return PositionJump(why)
-        if self._delay_s is not None:
-            self._not_before, self._delay_s = now + self._delay_s, None
         following = None if self.stopped else self._following()
         if self._takes_step(following is None):
             return self._put(following)
@@ -399,7 +340,7 @@ class Machine:
 
     def _put(self, following: tuple[Cursor, Record] | None) -> PutMessage:
         if following is None:
-            raise AssertionError("nothing to put")  # whoever calls has looked
+            raise AssertionError("nothing to put")  # the caller has looked
         mark, record = following
         self.mark = Cursor(mark.chunk, mark.place + 1)
         self._put_in_lap = True
@@ -416,45 +357,44 @@ class Machine:
         if self.paused:
             return None
         if rate is None:
-            return max(now, self._not_before or now)
+            return now
         beat = self._beat(record)
         if self._anchor is None:
-            begin = max(now, self._not_before or now)
-            self._anchor = begin, beat if self._held is None else min(self._held, beat)
+            self._anchor = now, beat if self._held is None else min(self._held, beat)
             self._held = None
-            self._last_due = begin
+            self._last_due = now
         at, played = self._anchor
         due = at + (beat - played) / rate
         if self._max_gap_s is not None and due > self._last_due + self._max_gap_s:
             latest = self._last_due + self._max_gap_s
             self._anchor = at - (due - latest), played
             due = latest
-        return max(due, self._not_before or now)
+        return due
 
     # Orders.
 
     def order(self, order: Order, now: float) -> None:
         """Do what an order says; InputError, and nothing is changed, if that cannot be."""
-        match checked(order):
-            case Play():
+        match order.name:
+            case "play" | "resume":
                 self._resume()
-            case Pause():
+            case "pause":
                 self._pause(now)
-            case Toggle():
-                self.order(Play() if self.paused else Pause(), now)
-            case StepForward(unit=unit, count=count):
+            case "toggle":
+                self._resume() if self.paused else self._pause(now)
+            case "step":
                 self._pause(now)
                 self._held = None
-                self._step(unit, count)
-            case StepBack(unit=unit, count=count):
+                self._step(order.unit, order.count)
+            case "back":
                 self._pause(now)
-                self._back(unit, count)
-            case Seek(to=to):
-                self._go(self._within(read_spot(to)), "seek")
-            case Rate(rate=rate, times=times):
-                self._change(rate, times, now)
-            case Stop() | StatusQuery():
-                self.stopped = self.stopped or isinstance(order, Stop)
+                self._back(order.unit, order.count)
+            case "seek":
+                self._go(self._within(read_spot(order.to)), "seek")
+            case "rate":
+                self._change(order.rate, order.times, now)
+            case _:
+                self.stopped = self.stopped or order.name == "stop"
 
     def _pause(self, now: float) -> None:
         if self._anchor is not None and self.pace.rate is not None and not self.paused:
@@ -499,7 +439,7 @@ class Machine:
             raise InputError(f"to {spot}: not in the part that is played (--from, --until)")
         return found
 
-    def _step(self, unit: Unit, count: int) -> None:
+    def _step(self, unit: str, count: int) -> None:
         if unit == "message":
             self._burst = count
         elif (following := self._following()) is not None:
@@ -510,7 +450,7 @@ class Machine:
                 self.reel.find(TimelinePosition(step=step + count - 1), after=True), after
             )
 
-    def _back(self, unit: Unit, count: int) -> None:
+    def _back(self, unit: str, count: int) -> None:
         mark = self.mark
         if unit == "message":
             for where in islice(self._before(mark), count):

@@ -7,13 +7,13 @@ of keepers are put back too. Anything else that is connected to the router recei
 
 import threading
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from typing import Self, TypeAlias, Unpack
 
 from cubepath.coordinator.playback import machine
-from cubepath.coordinator.playback.comparing import ReplayResult
-from cubepath.coordinator.playback.playing import PlayOptions, ReplaySession
+from cubepath.coordinator.playback.replay_comparison import ReplayResult
+from cubepath.coordinator.playback.replay_session import PlayOptions, ReplaySession
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.options import seconds
@@ -88,7 +88,7 @@ class Player:
     def close(self) -> None:
         """Stop, and leave nothing behind; nothing if that has been done."""
         if self._thread.is_alive():
-            self._playing.ask(machine.PendingOrder(machine.Stop, lambda _: None, lambda _: None))
+            self._playing.ask(machine.PendingOrder(machine.Order("stop"), lambda _: None))
             self._thread.join()
 
     def _run(self) -> None:
@@ -106,49 +106,49 @@ class Player:
 
     def play(self) -> machine.PlayerStatus:
         """Play on from where it stands; returns at once."""
-        return self.order(machine.Play())
+        return self.order("play")
 
     def pause(self) -> machine.PlayerStatus:
         """Put nothing more."""
-        return self.order(machine.Pause())
+        return self.order("pause")
 
     def toggle(self) -> machine.PlayerStatus:
         """Pause if it plays, and play on if it is paused."""
-        return self.order(machine.Toggle())
+        return self.order("toggle")
 
     def step(self, unit: machine.Unit = "message", count: int = 1) -> machine.PlayerStatus:
         """Put the next messages, or all up to the end of a round or level, and pause there."""
-        return self.order(machine.StepForward(unit, count))
+        return self.order("step", unit=unit, count=count)
 
     def back(self, unit: machine.Unit = "message", count: int = 1) -> machine.PlayerStatus:
         """Go back by messages, or to where the round of the last message began, and pause."""
-        return self.order(machine.StepBack(unit, count))
+        return self.order("back", unit=unit, count=count)
 
     def seek(self, to: int | str) -> machine.PlayerStatus:
         """Go to where a round, level or time begins: 12, "12", "3.5s". It plays on if it did."""
-        return self.order(machine.Seek(str(to)))
+        return self.order("seek", to=str(to))
 
     def rate(self, rate: float | str) -> machine.PlayerStatus:
         """Play at another rate from now on: 10 rounds or levels a second, "2x", "max"."""
-        return self.order(machine.Rate(rate=str(rate)))
+        return self.order("rate", rate=str(rate))
 
     def stop(self) -> machine.PlayerStatus:
         """End the replay."""
-        return self.order(machine.Stop())
+        return self.order("stop")
 
     @property
     def position(self) -> machine.PlayerStatus:
         """Return where it stands."""
-        return self.order(machine.StatusQuery())
+        return self.order("status")
 
-    def order(self, order: machine.Order) -> machine.PlayerStatus:
-        """Give an order, and return where it stands when it was carried out.
+    def order(self, name: str, **given: object) -> machine.PlayerStatus:
+        """Give an order by its name in keys, and return where it stands when it was carried out.
 
         InputError if that cannot be, CheckError if the replay is over, and what has ended it.
         """
-        machine.checked(order)
+        order = machine.read_order(name, given)
         found = self._ask(
-            lambda answers: machine.PendingOrder(lambda: order, answers.put, answers.put), None
+            lambda answers: machine.PendingOrder(order, answers.put, answers.put), None
         )
         if isinstance(found, machine.PlayerStatus):
             return found
@@ -157,14 +157,14 @@ class Player:
     def wait(self, timeout_s: float | None = None) -> ReplayResult:
         """Wait until all is played, or it was stopped; return the result up to then.
 
-        CheckError if it is not within the time. Who waits for a player that is paused waits until
+        CheckError if it is not within the time. If the player is paused, this waits until
         somebody plays on.
         """
         limit = None if timeout_s is None else seconds("timeout_s", timeout_s)
 
         def asked(answers: _Answers) -> machine.PendingOrder:
             return machine.PendingOrder(
-                machine.StatusQuery,
+                machine.Order("status"),
                 lambda _: answers.put(self._playing.result()),
                 answers.put,
                 at_end=True,
@@ -219,16 +219,15 @@ Announce = Callable[[str, str], object]
 def replay(
     recording: Recording | Source,
     *,
-    kinds: Collection[str] | None = None,
     announce: Announce | None = None,
     **options: Unpack[PlayOptions],
 ) -> ReplayResult:
     """Put the messages of modules back on zenoh, gather them from there, and compare the results.
 
-    `kinds` are the kinds of `SAID` or `FREE_SAID` to put (all of them if None); the other options
-    are those of `PlayOptions`. Without them all is played once, as fast as possible, and compared;
-    of a part what can be compared is. InputError for bad options and malformed messages, and if a
-    path is no recording; CheckError if reports contradict each other or messages do not arrive.
+    The options are those of `PlayOptions`. Without them all is played once, as fast as possible,
+    and compared; of a part what can be compared is. InputError for bad options and malformed
+    messages, and if a path is no recording; CheckError if reports contradict each other or messages
+    do not arrive.
 
     >>> found = replay("logs/golden/hex-5.mcap")
     >>> found.same, found.rounds, found.moves
@@ -237,7 +236,7 @@ def replay(
     'the same as recorded in 10 rounds; not compared: rounds 1 to 2, 13 to 29, cubes, summary'
     """
     recording = recording_of(recording)
-    with ReplaySession(recording, kinds=kinds, **options) as playing:
+    with ReplaySession(recording, **options) as playing:
         if announce is not None:
             announce(playing.endpoint, playing.run)
         playing.play()

@@ -7,21 +7,25 @@ between save reading them again.
 """
 
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
-from functools import cache
+from typing import Any
 
 import zenoh
 from msgspec.structs import replace as with_fields
 
-from cubepath.coordinator.playback.comparing import MissingRounds, rounds_compared
+from cubepath.coordinator.playback.replay_comparison import (
+    MissingRounds,
+    recorded_message,
+    rounds_compared,
+)
 from cubepath.coordinator.playback.timeline import START, Cursor, Timeline
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
-from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site
+from cubepath.protocol.recordings.cutting import MessageSelection, check_topics
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record, kinds_of
 from cubepath.protocol.wire.free_messages import Commit, CommitLog, decode_free, free_key
@@ -34,7 +38,6 @@ FREE_SAID = ("requests", "forwards", "replies", "tile", "commit", "turns", "comm
 """The same of a run without rounds: what modules and keepers say."""
 _NEEDED = {"lockstep": frozenset({"reports"}), "free": frozenset({"commit", "commits"})}
 """What a run is gathered from."""
-_GLOB = frozenset("*?[")
 _NOT_IN_KEYS = frozenset("*$?#")
 
 
@@ -44,7 +47,7 @@ def said_under(clock: str) -> tuple[str, ...]:
 
 
 class PlayedMessages:
-    """The messages that are played: of some kinds, or on topics that match patterns.
+    """The messages that are played: what modules and keepers sent, or those on some topics.
 
     >>> recording = read_recording("logs/golden/hex-5.mcap")
     >>> some = PlayedMessages(recording, topics=["reports/*", "edges/*"], exclude=["*/*_[1-9]"])
@@ -53,77 +56,42 @@ class PlayedMessages:
     """
 
     def __init__(
-        self,
-        recording: Recording,
-        *,
-        kinds: Collection[str] | None = None,
-        topics: Collection[str] = (),
-        exclude: Collection[str] = (),
+        self, recording: Recording, *, topics: Collection[str] = (), exclude: Collection[str] = ()
     ) -> None:
-        """Take messages of `kinds`, or what matches one of `topics`, but nothing of `exclude`.
+        """Take what matches one of `topics`, by default what is sent, but nothing of `exclude`.
 
-        Patterns are those of file names, over topics such as "reports/process_0"; one without a
-        slash means all topics of a kind. InputError if nothing in the recording matches one of
-        them, or if nothing is left to play.
+        Patterns are those of `MessageSelection`. InputError if nothing in the recording matches one
+        of them, or if nothing is left to play.
         """
-        said = said_under(recording.clock)
-        stray = sorted(set(kinds or ()) - set(said))
-        if stray:
-            raise InputError(f"unknown kind {stray[0]!r}, expected some of {', '.join(said)}")
-        kept = frozenset(said if kinds is None else kinds)
-        there = recording.topics()
-        taken = [_pattern("topics", each, there) for each in topics]
-        left = [_pattern("exclude", each, there) for each in exclude]
-
-        def takes(topic: str) -> bool:
-            within = any(fnmatchcase(topic, each) for each in taken) if taken else None
-            if within is None:
-                within = topic.partition("/")[0] in kept
-            return within and not any(fnmatchcase(topic, each) for each in left)
-
-        self.takes_topic: Callable[[str], bool] = cache(takes)
+        check_topics(recording, MessageSelection(tuple(topics), tuple(exclude)))
+        kept = topics or said_under(recording.clock)
+        selection = MessageSelection(tuple(kept), tuple(exclude))
+        self.takes = selection.keeps
+        """Returns whether a message is played."""
+        self.takes_topic = selection.takes_topic
         """Returns whether the messages on a topic are played."""
-        self.kinds = _kinds_among(taken) if taken else kept
-        """The kinds that can be among them; None if that is not known."""
+        there = recording.topics()
+        self.kinds = frozenset(_kind(topic) for topic in there if self.takes_topic(topic))
+        """The kinds that are among them."""
         self.needed = _NEEDED[recording.clock]
-        if kinds is None and there and not any(map(self.takes_topic, there)):
-            named = ", ".join([*_named("topics", topics), *_named("exclude", exclude)])
+        if there and not self.kinds:
+            named = ", ".join(
+                f"{name}={each}"
+                for name, several in (("topics", topics), ("exclude", exclude))
+                for each in several
+            )
             raise InputError(
                 f"{named or recording.path}: leaves nothing to play, expected some topics of"
                 f" {_kinds_in(there)}"
             )
 
-    def takes(self, record: Record) -> bool:
-        """Return whether a message is played."""
-        return self.takes_topic(record.topic)
 
-
-def _named(name: str, given: Collection[str]) -> list[str]:
-    return [f"{name}={each}" for each in given]
-
-
-def _pattern(name: str, text: str, there: Collection[str]) -> str:
-    """Return a pattern of topics; InputError if nothing in the recording matches.
-
-    Parts of batches are no topics.
-    """
-    if not text or any(each in text for each in "#$"):
-        raise InputError(f"{name}={text}: expected topics such as 'reports/*' or 'bundle'")
-    found = text if "/" in text else f"{text}/*"
-    if there and not any(fnmatchcase(topic, found) for topic in there):
-        raise InputError(
-            f"{name}={found}: nothing on record matches, expected topics of {_kinds_in(there)}"
-        )
-    return found
+def _kind(topic: str) -> str:
+    return topic.partition("/")[0]
 
 
 def _kinds_in(topics: Collection[str]) -> str:
-    return ", ".join(sorted({topic.partition("/")[0] for topic in topics}))
-
-
-def _kinds_among(patterns: Sequence[str]) -> frozenset[str] | None:
-    kinds = [each.partition("/")[0] for each in patterns]
-    return None if any(_GLOB & set(kind) for kind in kinds) else frozenset(kinds)
+    return ", ".join(sorted(set(map(_kind, topics))))
 
 
 class KeyMapping:
@@ -183,13 +151,8 @@ class KeyMapping:
     def _plain(self, record: Record) -> str:
         if record.kind not in self._known:  # what other tools read
             return f"{ROOT}/{self.run}/{record.topic.strip('/')}"
-        try:
-            if self._free:
-                return free_key(self.run, decode_free(record.data))
-            return key_of(self.run, decode(record.data))
-        except CubepathError as error:
-            where = f"{self._recording.path}: message {record.sequence} ({record.topic})"
-            raise InputError(f"{where}: {error}") from None
+        message: Any = recorded_message(self._recording, record)
+        return (free_key if self._free else key_of)(self.run, message)
 
     def _remapped(self, topic: str, key: str) -> str:
         for old, new in self.remap:
@@ -284,12 +247,12 @@ class RecordedStates:
     def _before_the_first(self, mark: Cursor, found: dict[int, dict[int, Report]]) -> StateAt:
         """Return the state before the first whole round, which is the first if all is recorded."""
         modules = len(self._scene.start)
-        told = {number: dict(each) for number, each in found.items()}
+        reports = {number: dict(each) for number, each in found.items()}
         each = self._reel.next(mark, _REPORTS)
         while each is not None:
             where, record = each
             for report in self._reports_in(record) if record.kind in _REPORTS else ():
-                known = told.setdefault(report.round, {})
+                known = reports.setdefault(report.round, {})
                 known[report.module] = report
                 if len(known) == modules and report.round > 1:
                     sites = tuple(known[n].before for n in range(modules))
@@ -317,10 +280,8 @@ class RecordedStates:
         return self._state(number, sites, tuple(each for _, each in sorted(following.items())))
 
     def _reports_in(self, record: Record) -> list[Report]:
-        try:
-            return [each for each in parts_of(decode(record.data)) if isinstance(each, Report)]
-        except CubepathError as error:
-            raise self._malformed(record, error) from None
+        message: Any = recorded_message(self._reel.recording, record)
+        return [each for each in parts_of(message) if isinstance(each, Report)]
 
     # Without rounds.
 
@@ -345,17 +306,10 @@ class RecordedStates:
     def _commits_in(self, record: Record) -> list[Commit]:
         if record.kind not in _COMMITS:
             return []
-        try:
-            message = decode_free(record.data)
-        except CubepathError as error:
-            raise self._malformed(record, error) from None
+        message = recorded_message(self._reel.recording, record)
         if isinstance(message, CommitLog):
             return message.parts
         return [message] if isinstance(message, Commit) else []
-
-    def _malformed(self, record: Record, error: CubepathError) -> InputError:
-        where = f"{self._reel.recording.path}: message {record.sequence} ({record.topic})"
-        return InputError(f"{where}: {error}")
 
 
 _OF_KEEPERS = ("commit/", "commits/", "turns/")

@@ -252,10 +252,10 @@ class Timeline:
         each = self.next(START)
         while each is not None:
             mark, record = each
-            told = self._number_in(record)
-            if told > last:
-                found.append((mark, told))
-                last = told
+            value = self._number_in(record)
+            if value > last:
+                found.append((mark, value))
+                last = value
             each = self.next(Cursor(mark.chunk, mark.place + 1))
         return found
 
@@ -265,7 +265,7 @@ class Timeline:
         try:
             found = _numbers_in(record.data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            return 0  # whoever plays it says what is wrong
+            return 0  # playing it reports what is wrong
         return found.level if self._free else found.round
 
     # Places.

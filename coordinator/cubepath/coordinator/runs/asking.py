@@ -77,8 +77,8 @@ def find_run(session: zenoh.Session, endpoint: str, run: str | None, patience_s:
     while True:
         left = max(_AGAIN_S, min(_ASK_S, deadline - time.monotonic()))
         replies = session.get(about_key(run or "*"), timeout=left)
-        told = (_read_about(each.ok) for each in replies if each.ok is not None)
-        found = {each.run: each for each in told if each is not None}
+        answers = (_read_about(each.ok) for each in replies if each.ok is not None)
+        found = {each.run: each for each in answers if each is not None}
         if len(found) == 1:
             return next(iter(found.values()))
         if found:

@@ -7,7 +7,7 @@ senders have them. By the senders' numbers it knows which messages have arrived,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -54,10 +54,10 @@ class _Incarnation:
     """How many messages are still lacking since it was last asked."""
     asks: int = 0
 
-    def take(self, said: int, *, own: bool) -> None:
-        self.last = max(self.last, said)
-        if own and said > self.upto:
-            self.beyond.add(said)
+    def take(self, number: int, *, own: bool) -> None:
+        self.last = max(self.last, number)
+        if own and number > self.upto:
+            self.beyond.add(number)
             self._close()
 
     def _close(self) -> None:
@@ -81,18 +81,17 @@ class SequenceTracker:
         """Begin with nothing."""
         self._incarnations: dict[str, _Incarnation] = {}
 
-    def take(self, message: FreeMessage) -> None:
-        """Note a message."""
-        said = getattr(message, "sequence", 0)
+    def take(self, message: FreeMessage) -> bool:
+        """Note a message; return whether no later incarnation of its sender has been heard."""
+        number = getattr(message, "sequence", 0)
         incarnation = getattr(message, "incarnation", 0)
-        if not said:
-            return
         sender = free_sender(message)
         known = self._incarnations.get(sender)
-        if known is None or known.incarnation < incarnation:
+        if number and (known is None or known.incarnation < incarnation):
             known = self._incarnations[sender] = _Incarnation(incarnation)
-        if known.incarnation == incarnation:
-            known.take(said, own=not isinstance(message, Halted | CommitLog))
+        if number and known is not None and known.incarnation == incarnation:
+            known.take(number, own=not isinstance(message, Halted | CommitLog))
+        return known is None or known.incarnation <= incarnation
 
     @property
     def lacking(self) -> int:
@@ -120,6 +119,10 @@ TAIL_LOOKS = 8
 """After this many looks without anything new it asks keepers whether there is more."""
 
 
+RECORDED_STEP = 1000
+"""After this many commits a keeper is told that they are in the file of the recording."""
+
+
 class Collector(Node):
     """Hears everything in a run, and passes it on to the gatherer and to the record."""
 
@@ -145,6 +148,8 @@ class Collector(Node):
         self._refusals = Refusals()
         self._heard = SequenceTracker()
         self._quiet = 0
+        self._recorded = [0] * keepers
+        """How many commits of each keeper are in the file of the recording, and perhaps more."""
         self._unanswered = [0] * keepers
         """How often each keeper was asked since it last answered."""
 
@@ -160,7 +165,7 @@ class Collector(Node):
         except RefusedError as error:
             return list(self._refusals.add(self.level, key, data, error))
         more: list[Effect] = []
-        self._heard.take(message)
+        latest = self._heard.take(message)
         match message:
             case Commit():
                 self._quiet = 0
@@ -174,7 +179,9 @@ class Collector(Node):
                 if message.parts and message.parts[-1].serial < message.serial:
                     more = self._fetch(message.keeper, message.parts[-1].serial)
             case Halted(process=process, order=order):
-                if order == self._order.round:  # an answer to an earlier one may come late
+                # An answer to an earlier order may come late, and a process that was replaced
+                # answers too when it wakes.
+                if order == self._order.round and latest:
                     self.resting.add(process)
             case _:
                 pass
@@ -209,7 +216,7 @@ class Collector(Node):
     def tick(self) -> list[Effect]:
         """Ask for messages that are missing; when all is quiet, ask whether there are any."""
         self._quiet += 1
-        effects: list[Effect] = list(self._refusals.told())
+        effects: list[Effect] = list(self._refusals.new_refusals())
         for asked in self._heard.asks():
             effects += self.say(asked)
         missing = self.gatherer.missing()
@@ -234,9 +241,18 @@ class Collector(Node):
         """Return the keepers that were asked twice or more, and have not answered."""
         return [keeper for keeper, times in enumerate(self._unanswered) if times > 1]
 
+    def record(self, flush: Callable[[], object]) -> list[Effect]:
+        """Tell keepers of what many commits need not be kept any more, once they are flushed."""
+        known = [self.gatherer.known(keeper) for keeper in range(self._keepers)]
+        due = [n for n, serial in enumerate(known) if serial >= self._recorded[n] + RECORDED_STEP]
+        if due:
+            flush()
+            self._recorded = known
+        return [effect for keeper in due for effect in self._fetch(keeper, known[keeper])]
+
     def _fetch(self, keeper: int, serial: int) -> list[Effect]:
         self._unanswered[keeper] += 1
-        return self.say(CommitQuery(keeper, serial))
+        return self.say(CommitQuery(keeper, serial, self._recorded[keeper]))
 
     def halt(self) -> list[Effect]:
         """Tell all modules to halt, and their processes to say when they rest."""

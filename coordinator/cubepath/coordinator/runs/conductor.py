@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.runs.edge_path import Gathered, Step
 from cubepath.coordinator.runs.gatherer import Gatherer
-from cubepath.coordinator.runs.schedule import Assignment, ScheduleExecution, told
+from cubepath.coordinator.runs.schedule import Assignment, ScheduleExecution, stop_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire import messages as wire
 
@@ -122,7 +122,7 @@ class Conductor:
             if not execution.over:
                 return None  # even if it passes the goal on its way
             if execution.stopped is not None and not self._repair:
-                return RunEnd("failed", told(execution.stopped))
+                return RunEnd("failed", stop_text(execution.stopped))
             if not gatherer.reached and self._repair:
                 end_schedule()
                 return None
@@ -133,7 +133,7 @@ class Conductor:
     def failed(self, error: str) -> RunEnd:
         """Return the end of a run that failed, with where its schedule had stopped before."""
         stopped = self.stopped
-        return RunEnd("failed", error if stopped is None else f"{told(stopped)}; then {error}")
+        return RunEnd("failed", error if stopped is None else f"{stop_text(stopped)}; then {error}")
 
     def results(self, ending: RunEnd) -> Iterator[wire.Cube | wire.Certified | wire.Summary]:
         """Yield the results of the run: its cubes, their certificate and the summary."""

@@ -103,13 +103,10 @@ def counted_processes(recording: Recording) -> dict[str, str]:
     """
     parameters = dict(recording.parameters)
     if "wait_for" in parameters and "processes" not in parameters:
-        joined: set[int] = set()
-        for message in _decoded(recording, "ready"):
-            if not isinstance(message, wire.Ready) or message.phase != "join":
-                break
-            joined.add(message.process)
+        said = "requests/" if recording.clock == "free" else "ready/"
+        joined = sum(topic.startswith(said) for topic in recording.topics())
         if joined:
-            parameters["processes"] = str(len(joined))
+            parameters["processes"] = str(joined)
     return parameters
 
 
@@ -171,12 +168,12 @@ def _refused(recording: Recording) -> list[dict[str, Any]]:
     found: dict[tuple[str, str], dict[str, Any]] = {}
     for message in _decoded(recording, "refused"):
         if isinstance(message, wire.Refused):
-            told = found.setdefault(
+            entry = found.setdefault(
                 (message.sender, message.reason),
                 {"sender": message.sender, "reason": message.reason, "count": 0}
                 | {"round": message.round, "key": message.key, "detail": message.detail},
             )
-            told["count"] += message.count
+            entry["count"] += message.count
     return [found[key] for key in sorted(found)]
 
 
@@ -199,8 +196,8 @@ def _moment(wall_ns: int | None) -> str | None:
 def _ended(document: Mapping[str, Any]) -> str:
     ended, error = document["ended"], document["error"]
     if ended is None:
-        told = document["parameters"]
-        part = (why for key, why in _OF_A_PART.items() if key in told)
+        parameters = document["parameters"]
+        part = (why for key, why in _OF_A_PART.items() if key in parameters)
         return f"{_NO_END}: {next(part, 'the run was killed, or the file is damaged')}"
     return _ENDED[ended] + (f": {error}" if error not in (None, ended) else "")
 
@@ -242,9 +239,12 @@ def render(document: Mapping[str, Any]) -> str:
         how = "" if stopped is None else f", stopped at round {stopped['round']}"
         rows.append(("carried out", f"{counted(document['schedule_cubes'], 'cube')}{how}"))
     if "certificate" in document:
-        told = document["certificate"]
+        certificate = document["certificate"]
         rows.append(
-            ("certificate", f"{told['cancelled']} pairs cancelled, a chain of {told['chain']}")
+            (
+                "certificate",
+                f"{certificate['cancelled']} pairs cancelled, a chain of {certificate['chain']}",
+            )
         )
     rows += [
         ("began", document["began"] or "unknown"),

@@ -126,8 +126,8 @@ def _stage(
     named = list(everyone) if modules is None else sorted(set(modules))
     strange = [module for module in named if module not in everyone]
     if strange or not named:
-        told = f"modules={strange[0]}: no such module" if strange else "modules: none named"
-        raise InputError(f"{told}, {path} has 0-{len(scene.start) - 1}")
+        problem = f"modules={strange[0]}: no such module" if strange else "modules: none named"
+        raise InputError(f"{problem}, {path} has 0-{len(scene.start) - 1}")
     rules: dict[str, list[int]] = {rule: named}
     now = record.stage(first)
     for name in now.rules:
@@ -144,9 +144,9 @@ def _stage(
         name: rule_named(name, scene.system).length(len(scene.start)) for name in sorted(rules)
     }
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        found = ", ".join(f"{name} {length}" for name, length in lengths.items())
         raise InputError(
-            f"rule={rule}: rules that are followed side by side note as many numbers, found {told}"
+            f"rule={rule}: rules that are followed side by side note as many numbers, found {found}"
         )
     return RuleStage(
         begins=first,
@@ -206,8 +206,8 @@ def _compare(record: RecordedDecisions, gatherer: Gathered, last: int) -> None:
     """Check that a round which was repeated has the moves that are recorded."""
     number = gatherer.rounds
     if number <= last:
-        made, told = (each.steps[number - 1].executed for each in (gatherer, record.gathered))
-        if made != told:
+        made, recorded = (each.steps[number - 1].executed for each in (gatherer, record.gathered))
+        if made != recorded:
             raise CheckError(
                 f"{record.recording.path}: round {number}: its claims lead to other moves than"
                 " are reported"

@@ -219,7 +219,7 @@ class Driver(ABC, Generic[Fleet]):
             return
         try:
             self.writer.flush()  # to find the results may take seconds
-        except CubepathError as problem:  # a full disk: whoever listens hears of it, too
+        except CubepathError as problem:  # a full disk: listeners hear of it, too
             ending = self.ending = RunEnd("failed", ending.error or str(problem))
         with suppress(CubepathError):
             results = self._find_results(ending)

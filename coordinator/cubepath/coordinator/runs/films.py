@@ -1,4 +1,4 @@
-"""Films of a run or of its schedule, with one frame for each step.
+"""Films of a run or of its schedule: a frame for each step, and more on the way there.
 
 matplotlib is imported when something is drawn. All frames share one table of colours, so that a
 module has the same colour in each. A film may also show a run beside its schedule: the states of
@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from itertools import chain, pairwise
+from dataclasses import replace
+from itertools import accumulate, chain, pairwise
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from cubepath.agents.rendering.pictures import draw_on, extent, legend_of
-from cubepath.agents.rendering.style import DARK, GOAL, INK, LIGHT, PAPER, Theme, palette
+from cubepath.agents.rendering.pictures import draw_on, extent, legend_of, way_of
+from cubepath.agents.rendering.style import DARK, GOAL, INK, LIGHT, PAPER, Box, Theme, palette
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.runs.drawing import cancelled_moves, check_suffix
 from cubepath.coordinator.runs.schedule_chart import draw_schedule
@@ -30,6 +32,7 @@ from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 
@@ -38,6 +41,8 @@ FRAMES_PER_SECOND = 4
 _SLOWEST, _FASTEST = 0.01, 50
 """Frames a second. GIF counts hundredths of a second; many viewers turn less than two into ten."""
 _FRAMES_MAX = 400
+_PARTS = 4
+"""The number of frames of a step in which modules are seen on their way."""
 _SAMPLES, _COLOURS, _OWN = 5, 255, 27
 """The number of frames to take colours from, of colours, and of colours kept for modules."""
 _SAME = 255
@@ -74,7 +79,8 @@ def animate(
     `step_name` is the name of a step in the captions; `dark` is for dark ground. `progress` is
     called after each frame with the number of frames done and their total. Of more than 400 steps,
     only every second, third, ... is shown. The film has the given rate on average; a single frame
-    lasts a whole number of hundredths of a second.
+    lasts a whole number of hundredths of a second. Pivots, slides and
+    drives have three frames more each, if there are no more than 100 steps and 12 frames a second.
 
     InputError if the suffix is unknown, the rate is impossible, a move is not admissible or the
     file cannot be written.
@@ -84,13 +90,14 @@ def animate(
     >>> from PIL import Image
     >>> with Image.open("film.gif") as film:
     ...     film.n_frames
-    4
+    13
     """
     check_film(path, frames_per_second)
     found = list(snapshots(scene, steps))
     shown = frames_shown(len(found) - 1)
     screen = _Screen(scene, found, shown, step_name, DARK if dark else LIGHT)
-    write_film(screen.shot, shown, path, frames_per_second, progress)
+    moments = _with_ways(scene, shown, frames_per_second, found)
+    write_film(screen.shot, moments, path, frames_per_second, progress)
 
 
 def check_film(path: Path | str, frames_per_second: float) -> None:
@@ -104,14 +111,39 @@ def frames_shown(last: int) -> list[int]:
     return sorted({*range(0, last, 1 + last // _FRAMES_MAX), last})
 
 
+def _with_ways(
+    scene: Scene, shown: Sequence[int], frames_per_second: float, *paths: Sequence[Snapshot]
+) -> list[float]:
+    """Return the steps that a film shows, and moments on the way to those."""
+    parts = [part / _PARTS for part in range(1 - _PARTS, 0)]
+    if len(shown) * _PARTS > _FRAMES_MAX + _PARTS or frames_per_second * _PARTS > _FASTEST:
+        parts = []
+    found: list[float] = []
+    for number in shown:
+        now = [states[number] for states in paths if number < len(states)]
+        found += [number + part for part in parts if any(_is_shown(scene, each) for each in now)]
+        found.append(number)
+    return found
+
+
+def _is_shown(scene: Scene, snapshot: Snapshot) -> bool:
+    return any(
+        way_of(scene, snapshot.by[module], source, snapshot.sites[module])
+        for module, source in snapshot.moved.items()
+    )
+
+
 def write_film(
-    shot: Callable[[int], Image.Image],
-    shown: Sequence[int],
+    shot: Callable[[float], Image.Image],
+    shown: Sequence[float],
     path: Path | str,
     frames_per_second: float,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Write the pictures of these steps as .gif, all with one table of colours."""
+    """Write the pictures of these steps as .gif, all with one table of colours.
+
+    A moment between two steps lasts a part of a frame.
+    """
     samples = sorted({*shown[:: 1 + len(shown) // _SAMPLES], shown[-1]})
     colours = _common_colours(map(shot, samples))
     frames: list[Image.Image] = []
@@ -127,7 +159,8 @@ def write_film(
         if progress is not None:
             progress(done, len(shown))
     # In hundredths of a second from the first frame on, so that rounding errors do not add up.
-    ends = [round(100 * number / frames_per_second) for number in range(len(shown) + 1)]
+    lengths = [min(after - now, 1) for now, after in pairwise([*shown, shown[-1] + 1])]
+    ends = [round(100 * at / frames_per_second) for at in accumulate(lengths, initial=0.0)]
     lasting = [10 * (end - begin) for begin, end in pairwise(ends)]
     lasting[-1] += round(1000 * _END_S)
     with written_whole(path) as stream:
@@ -179,22 +212,13 @@ class _Screen:
         legend.put(figure, _EDGE, _CAPTION + tall + _EDGE / 2)
         self._canvas = FigureCanvasAgg(figure)
 
-    def shot(self, number: int) -> Image.Image:
-        """Return the picture of a step."""
+    def shot(self, moment: float) -> Image.Image:
+        """Return the picture of a step, or of a moment on the way to it."""
+        number = ceil(moment)
         snapshot = self._found[number]
-        self._axes.clear()
-        draw_on(
-            self._axes,
-            self._scene,
-            snapshot.sites,
-            moved=snapshot.moved,
-            box=self._box,
-            theme=self._theme,
-        )
+        _draw_moment(self._axes, self._scene, snapshot, moment, box=self._box, theme=self._theme)
         self._caption.set_text(f"{self._step_name} {number} of {len(self._found) - 1}")
-        self._canvas.draw()  # type: ignore[no-untyped-call]  # untyped in matplotlib
-        pixels = self._canvas.buffer_rgba()  # type: ignore[no-untyped-call]  # as above
-        return Image.fromarray(np.array(pixels, dtype=np.uint8)[:, :, :3].copy())
+        return _pixels(self._canvas)
 
 
 def _common_colours(samples: Iterable[Image.Image]) -> Image.Image:
@@ -247,7 +271,7 @@ def animate_beside(
     >>> animate_beside(played.scene, played.steps, normal_cube_path(played.path), "beside.gif")
     >>> from PIL import Image
     >>> with Image.open("beside.gif") as film:
-    ...     film.n_frames == 1 + len(played.steps)
+    ...     film.n_frames > len(played.steps)
     True
     """
     check_film(path, frames_per_second)
@@ -259,7 +283,8 @@ def animate_beside(
     screen.chart(
         cancelled_moves(executed, found), "as executed" if step_name == "round" else "as given"
     )
-    write_film(screen.shot, shown, path, frames_per_second, progress)
+    moments = _with_ways(scene, shown, frames_per_second, run, shortest)
+    write_film(screen.shot, moments, path, frames_per_second, progress)
 
 
 class _Sides:
@@ -323,8 +348,9 @@ class _Sides:
         self._step = float(ends[0, 0]), float(ends[1, 0] - ends[0, 0])
         self._lanes = self._chart.height - float(ends[0, 1]), self._chart.height - float(ends[1, 1])
 
-    def shot(self, number: int) -> Image.Image:
+    def shot(self, moment: float) -> Image.Image:
         """Return the picture of both after this many steps, or at their ends."""
+        number = ceil(moment)
         sides = zip(
             self._sides,
             self._captions,
@@ -334,15 +360,9 @@ class _Sides:
         for axes, caption, (states, name) in sides:
             at = min(number, len(states) - 1)
             snapshot = states[at]
-            axes.clear()
-            draw_on(
-                axes,
-                self._scene,
-                snapshot.sites,
-                moved=snapshot.moved if at == number else {},
-                box=self._box,
-                theme=self._theme,
-            )
+            if at != number:  # it has ended
+                snapshot = replace(snapshot, moved={})
+            _draw_moment(axes, self._scene, snapshot, moment, box=self._box, theme=self._theme)
             words = f"{'the run' if states is self._run else 'its schedule'}: {name} {at} of"
             words += f" {len(states) - 1}"
             if at == len(states) - 1 and self._scene.reached(snapshot.sites):
@@ -353,10 +373,19 @@ class _Sides:
         both.paste(above, (0, 0))
         both.paste(self._chart, (0, above.height))
         origin, step = self._step
-        x = round(origin + (number + 0.5) * step)
+        x = round(origin + (moment + 0.5) * step)
         top, bottom = (round(above.height + y) for y in self._lanes)
         ImageDraw.Draw(both).line([(x, top), (x, bottom)], fill=self._theme.of(GOAL), width=2)
         return both
+
+
+def _draw_moment(
+    axes: Axes, scene: Scene, snapshot: Snapshot, moment: float, *, box: Box, theme: Theme
+) -> None:
+    """Draw a step on axes, or a moment on the way to it."""
+    axes.clear()
+    sites, moved, part = snapshot.sites, snapshot.moved, 1 + moment - ceil(moment)
+    draw_on(axes, scene, sites, moved=moved, box=box, theme=theme, by=snapshot.by, part=part)
 
 
 def _pixels(canvas: FigureCanvasAgg) -> Image.Image:

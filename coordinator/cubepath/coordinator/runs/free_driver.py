@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from cubepath.agents.free.config import HALT_S
-from cubepath.agents.free.fleet import FreeFleet
+from cubepath.agents.free.fleet import FreeFleet, Handover
 from cubepath.coordinator.runs.asking import Release
 from cubepath.coordinator.runs.collector import Collector, refusals_in
 from cubepath.coordinator.runs.conductor import RunEnd, results_of
@@ -21,7 +21,7 @@ from cubepath.coordinator.runs.driver import INTERRUPTED, Driver, RunContext
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.outcome import CrashReport
-from cubepath.coordinator.runs.resuming import check_logs, is_said, keeper_logs, locked_logs
+from cubepath.coordinator.runs.resuming import check_logs, is_on_wire, keeper_logs, locked_logs
 from cubepath.coordinator.runs.schedule_reading import own_moves
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.output_files import unwritable
@@ -39,8 +39,8 @@ _LOOK_S = 0.2
 _SETTLE_S_MAX = 5.0
 """How long the end of a run waits for what is under way, since anything new was heard of."""
 _SETTLE_S_IN_ALL = 120.0
-_INTERRUPT_S_MAX = 2.0
-"""And this long if the user asked for it."""
+_INTERRUPT_S_MAX, _INTERRUPT_S_IN_ALL = 2.0, 10.0
+"""The same if the user asked for it: a host that was cut off may have much to tell."""
 
 
 class FreeDriver(Driver[FreeFleet]):
@@ -113,27 +113,30 @@ class FreeDriver(Driver[FreeFleet]):
         elif logs is not None:
             logs.mkdir(exist_ok=True)
             self._logs_lock = locked_logs(logs)
-        fleet = self._fleet = self._resources.enter_context(
-            FreeFleet(
-                task.scene,
-                task.rule,
-                seed=plan.seed,
-                hesitate=plan.hesitate,
-                processes=plan.processes,
-                keepers=plan.keepers,
-                speeds=plan.speeds,
-                jitter=plan.jitter,
-                on_crash=plan.on_crash,
-                schedule=None
-                if task.assignment is None
-                else own_moves(task.scene, task.assignment),
-                logs=logs,
-                lock=self._logs_lock,
-                way=self._way,
-                known=self._gatherer.known,
-            )
+        fleet = self._fleet = FreeFleet(
+            task.scene,
+            task.rule,
+            seed=plan.seed,
+            hesitate=plan.hesitate,
+            processes=plan.processes,
+            keepers=plan.keepers,
+            speeds=plan.speeds,
+            jitter=plan.jitter,
+            on_crash=plan.on_crash,
+            schedule=None if task.assignment is None else own_moves(task.scene, task.assignment),
+            logs=logs,
+            lock=self._logs_lock,
+            known=self._gatherer.known,
+            patience_s=plan.patience,
+            network=plan.network,
+            check=check,
+            say=self._say,
+            way=self._way,
+            opened=self._answer_from,
         )
-        self._answer_from()
+        self._resources.enter_context(fleet)
+        if plan.wait_for:
+            self._processes = len(fleet.modules_of)
         collector = self._collector = Collector(
             fleet.run, self._gatherer, plan.keepers, fleet.modules_of
         )
@@ -141,7 +144,6 @@ class FreeDriver(Driver[FreeFleet]):
         shell = self._shell = self._resources.enter_context(
             Shell(collector, fleet.endpoint, self._keep, credentials=credentials)
         )
-        self._say(f"endpoint {fleet.endpoint}, run {fleet.run}")
         shell.start()
         self._wait_for_keepers(shell, fleet)
         fleet.begin()
@@ -188,7 +190,7 @@ class FreeDriver(Driver[FreeFleet]):
         if not self._begun or self.gathered.failed is not None or not self._has_arrived:
             return False
         collector = self._collector
-        everybody = set(range(min(self.plan.processes, len(self.task.scene.start))))
+        everybody = set(range(self._processes))
         return (
             collector.contradiction is None and everybody <= collector.resting and collector.settled
         )
@@ -203,9 +205,16 @@ class FreeDriver(Driver[FreeFleet]):
         self._write(message, encode(message), time.time_ns())
 
     def _tidy(self, ending: RunEnd) -> None:
-        """Take away the keepers' logs, unless the run can be taken up again."""
-        if ending.ended != "failed" or self.gathered.failed is not None:
-            shutil.rmtree(keeper_logs(self.writer.path), ignore_errors=True)
+        """Take away the keepers' logs, unless the run can be taken up again.
+
+        One that was interrupted can, if its record is not complete.
+        """
+        logs = keeper_logs(self.writer.path)
+        lacks = self._begun and ending.ended == "interrupted" and not self._collector.settled
+        if lacks:
+            self._say(f"not all moves are on record: those in {logs} are taken up by --from")
+        elif ending.ended != "failed" or self.gathered.failed is not None:
+            shutil.rmtree(logs, ignore_errors=True)
         if self._logs_lock is not None:
             self._logs_lock.close()
 
@@ -219,7 +228,7 @@ class FreeDriver(Driver[FreeFleet]):
     def _take_up(self) -> None:
         """Take up what is recorded already."""
         for record in self._before.records if self._before is not None else ():
-            if not is_said(record.kind):
+            if not is_on_wire(record.kind):
                 continue
             self.writer.write(
                 record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
@@ -318,20 +327,20 @@ class FreeDriver(Driver[FreeFleet]):
 
     def _stuck(self) -> str:
         dead = sorted({crash.name for crash in self._crashes if not crash.restarted})
-        who = f"; {', '.join(dead)} had died" if dead else ""
+        details = f"; {', '.join(dead)} had died" if dead else ""
         silent = [
             name for each in self._collector.silent if (name := keeper_name(each)) not in dead
         ]
-        who += f"; {', '.join(silent)} did not answer" if silent else ""
+        details += f"; {', '.join(silent)} did not answer" if silent else ""
         if self._shell is not None and not self._shell.connected:
-            who += f"; no zenoh router at {self.fleet.endpoint} any more"
-        return f"nothing was committed for {self.plan.patience:g} s{who}"
+            details += f"; no zenoh router at {self.fleet.endpoint} any more"
+        return f"nothing was committed for {self.plan.patience:g} s{details}"
 
     def _settle(self, shell: Shell, fleet: FreeFleet, seconds: float = _SETTLE_S_MAX) -> None:
         """Halt the modules, and wait until everything that was committed is known."""
         collector = self._collector
         until = time.monotonic() + seconds
-        at_most = until if seconds < _SETTLE_S_MAX else until + _SETTLE_S_IN_ALL
+        at_most = until + (_SETTLE_S_IN_ALL if seconds == _SETTLE_S_MAX else _INTERRUPT_S_IN_ALL)
         known = self._known()
         shell.carry_out(collector.halt())
         asked, halted = 0.0, time.monotonic()
@@ -369,10 +378,20 @@ class FreeDriver(Driver[FreeFleet]):
         if now - self._looked < _LOOK_S:
             return
         self._looked = now
+        if self._shell is not None:
+            self._shell.carry_out(self._collector.record(self.writer.flush))
         for crash in fleet.look():
+            self._collector.forget(crash.name)
+            if isinstance(crash, Handover):
+                self._say(f"{crash.name} {crash.how}")
+                continue
+            known = [each for each in self._crashes if each.name == crash.name]
+            if crash.restarted and known and not known[-1].restarted:
+                known[-1].restarted = True
+                self._say(f"{crash.name} is back")
+                continue
             after = round(now - self._began, 3)
             self._crashes.append(CrashReport(crash.name, crash.how, crash.restarted, after))
-            self._collector.forget(crash.name)
             again = ", and was started again" if crash.restarted else ""
             self._say(f"{crash.name} has died ({crash.how}){again}")
 

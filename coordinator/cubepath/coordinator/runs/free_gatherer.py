@@ -48,7 +48,7 @@ class Commits:
         """Begin with none."""
         self.in_order = array("Q")
         self._ahead: dict[int, int] = {}
-        self.told = 0
+        self.serial_max = 0
         """How many there are at least."""
 
     def is_new(self, moved: Commit) -> bool:
@@ -56,7 +56,7 @@ class Commits:
         if moved.serial < 1:
             raise CheckError(f"{named(moved)}: commits count from 1")
         digest = int.from_bytes(blake2b(_encode(moved), digest_size=8).digest(), "big")
-        self.told = max(self.told, moved.serial)
+        self.serial_max = max(self.serial_max, moved.serial)
         known: int | None = None
         if moved.serial <= len(self.in_order):
             known = self.in_order[moved.serial - 1]
@@ -74,7 +74,7 @@ class Commits:
     @property
     def gap(self) -> bool:
         """Return whether one is missing that is known to be there."""
-        return self.told > len(self.in_order)
+        return self.serial_max > len(self.in_order)
 
 
 _Awaited: TypeAlias = tuple[str, Site]
@@ -257,8 +257,8 @@ class FreeGatherer(Gathered):
             if moved.keeper != tail.keeper:
                 raise CheckError(f"keeper_{tail.keeper} tells {named(moved)} as its own")
             self.receive(moved)
-        if tail.serial >= commits.told:
-            commits.told = tail.serial
+        if tail.serial >= commits.serial_max:
+            commits.serial_max = tail.serial
             self._tails[tail.keeper] = tail
 
     def receive(self, moved: Commit) -> None:
@@ -353,8 +353,8 @@ class FreeGatherer(Gathered):
         move = None
         if moved.generator is not None and moved.motion:
             move = self._system.move_named(source, moved.generator, at)
-        told = [(one, two) for _, one, two, _ in moved.motion]
-        if move is None or mover != moved.module or told != list(move.motion):
+        motion = [(one, two) for _, one, two, _ in moved.motion]
+        if move is None or mover != moved.module or motion != list(move.motion):
             raise CheckError(f"{named(moved)}: its motion is not that of {moved.generator!r}")
         for module, source, *_ in moved.motion:
             if self.sites[module] != source:
@@ -363,12 +363,12 @@ class FreeGatherer(Gathered):
                     f" it says at {site_text(source)}"
                 )
         reads, writes = support_units(self._system, self._tiles, move)
-        told_reads = [unit for unit, _ in moved.read]
-        told_writes = [unit for unit, *_ in moved.written]
+        stated_reads = [unit for unit, _ in moved.read]
+        stated_writes = [unit for unit, *_ in moved.written]
         if (
-            (frozenset(told_reads), frozenset(told_writes)) != (reads, writes)
-            or len(told_reads) != len(reads)
-            or len(told_writes) != len(writes)
+            (frozenset(stated_reads), frozenset(stated_writes)) != (reads, writes)
+            or len(stated_reads) != len(reads)
+            or len(stated_writes) != len(writes)
         ):
             raise CheckError(f"{named(moved)}: it reads or writes other units than its move does")
         return move
@@ -404,7 +404,7 @@ class FreeGatherer(Gathered):
                 if found != place:
                     raise CheckError(
                         f"{named(moved)}: module_{module} stands at {site_text(found)}, its"
-                        f" register is said to be at {site_text(place)}"
+                        f" register is reported at {site_text(place)}"
                     )
 
 
@@ -424,9 +424,9 @@ def _module_versions(moved: Commit) -> Iterator[tuple[int, int, bool]]:
 
 def keepers_in(recording: Recording) -> int:
     """Return the number of keepers of a run; InputError if the recording does not say."""
-    told = recording.parameters.get("keepers", "")
-    if not (told.isascii() and told.isdigit() and 1 <= len(told) <= 5 and int(told)):
+    stated = recording.parameters.get("keepers", "")
+    if not (stated.isascii() and stated.isdigit() and 1 <= len(stated) <= 5 and int(stated)):
         raise InputError(
-            f"{recording.path}: keepers={told!r} in its parameters, expected how many there were"
+            f"{recording.path}: keepers={stated!r} in its parameters, expected how many there were"
         )
-    return int(told)
+    return int(stated)

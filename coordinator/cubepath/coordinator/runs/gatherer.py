@@ -73,7 +73,7 @@ class Plausibility:
 
     def _begin_phase(self, phase: str) -> None:
         self._phase = phase
-        self._said: dict[tuple[type[wire.Part], int], wire.Part] = {}
+        self._parts: dict[tuple[type[wire.Part], int], wire.Part] = {}
         self._to: dict[tuple[type[wire.Part], int], set[str]] = {}
         """By kind and module what was sent in this phase, and to which regions."""
         self._counts: dict[int, Counter[str]] = {}
@@ -90,8 +90,8 @@ class Plausibility:
             self._begin_phase(message.phase)
         match message:
             case wire.Bundle():
-                self._check_said(message)
-                self._take_said(message)
+                self._check_bundle(message)
+                self._take_bundle(message)
             case wire.Reports(parts=reports):
                 for report in reports:
                     self._check_report(report)
@@ -106,21 +106,21 @@ class Plausibility:
 
     # Outgoing messages.
 
-    def _check_said(self, said: wire.Bundle) -> None:
-        if said.process in self._through:
-            refuse("contradicts", f"more to {said.region} than process_{said.process} counted")
-        if not said.parts:
-            refuse("out of place", f"no message goes to {said.region}")
-        for part in said.parts:
-            known = self._said.get((type(part), part.module))
+    def _check_bundle(self, bundle: wire.Bundle) -> None:
+        if bundle.process in self._through:
+            refuse("contradicts", f"more to {bundle.region} than process_{bundle.process} counted")
+        if not bundle.parts:
+            refuse("out of place", f"no message goes to {bundle.region}")
+        for part in bundle.parts:
+            known = self._parts.get((type(part), part.module))
             if known is None:
                 self._check_part(part)
             elif known != part:
-                refuse("contradicts", f"{_to(part, said)}: it was another elsewhere")
-            elif said.region in self._to[type(part), part.module]:
-                refuse("doubled", f"{_to(part, said)} came before")
-            if said.region not in self._regions(part):
-                refuse("out of place", f"{_to(part, said)}: no module is there to receive it")
+                refuse("contradicts", f"{_to(part, bundle)}: it was another elsewhere")
+            elif bundle.region in self._to[type(part), part.module]:
+                refuse("doubled", f"{_to(part, bundle)} came before")
+            if bundle.region not in self._regions(part):
+                refuse("out of place", f"{_to(part, bundle)}: no module is there to receive it")
 
     def _check_part(self, part: wire.Part) -> None:
         """Check what a module says, apart from where it goes."""
@@ -145,15 +145,15 @@ class Plausibility:
         if set(verdict.to) != due:
             refuse("impossible", f"{name}: it goes to modules other than those that wait for it")
 
-    def _take_said(self, said: wire.Bundle) -> None:
-        self._counts.setdefault(said.process, Counter())[said.region] += 1
-        for part in said.parts:
+    def _take_bundle(self, bundle: wire.Bundle) -> None:
+        self._counts.setdefault(bundle.process, Counter())[bundle.region] += 1
+        for part in bundle.parts:
             key = type(part), part.module
-            if key in self._said:
-                self._to[key].add(said.region)
+            if key in self._parts:
+                self._to[key].add(bundle.region)
                 continue
-            self._said[key] = part
-            self._to[key] = {said.region}
+            self._parts[key] = part
+            self._to[key] = {bundle.region}
             match part:
                 case wire.Claim(generator=generator, at=at):
                     move = self._move(part.module, GeneratorPlacement(generator, at))
@@ -191,12 +191,12 @@ class Plausibility:
 
     def _check_through(self, ready: wire.Ready) -> None:
         process = ready.process
-        said = self._counts.get(process, Counter())
-        if said != Counter(ready.sent):  # a count of zero is none
+        counted = self._counts.get(process, Counter())
+        if counted != Counter(ready.sent):  # a count of zero is none
             refuse("contradicts", f"process_{process} counts other messages than it said")
         for module in self._modules_of[process]:
             for kind in KINDS_IN[ready.phase]:
-                part = self._said.get((kind, module))
+                part = self._parts.get((kind, module))
                 if part is None:
                     self._check_silent(kind, module)
                 # It went to no other region than those, and to each once.
@@ -269,7 +269,8 @@ class Plausibility:
             self._check_move(
                 f"{name}: {report.move.generator} at {site_text(report.move.at)}", report
             )
-        elif report.site not in self._taken_to(module):
+        # Most stay where they are, and all claims are looked through only for the others.
+        elif report.site != report.before and report.site not in self._taken_to(module):
             refuse(
                 "impossible", f"{name}: it ends at {site_text(report.site)}, where nothing takes it"
             )
@@ -289,8 +290,8 @@ class Plausibility:
             refuse("impossible", f"{name} is not admissible")
 
     def _taken_to(self, module: int) -> set[Site]:
-        """Return where a module that made no move may be: it stays, or another takes it along."""
-        return {self.sites[module]} | {
+        """Return where others may take a module that made no move."""
+        return {
             target
             for move in self._claims.values()
             for source, target in move.motion[1:]
@@ -355,8 +356,8 @@ class Plausibility:
                     after[standing[source]] = target
 
 
-def _to(part: wire.Part, said: wire.Bundle) -> str:
-    return f"{wire.kind_of(part)} of module_{part.module} to {said.region}"
+def _to(part: wire.Part, bundle: wire.Bundle) -> str:
+    return f"{wire.kind_of(part)} of module_{part.module} to {bundle.region}"
 
 
 class Gatherer(Gathered):

@@ -65,15 +65,15 @@ def check_from_the_start(recording: Recording) -> None:
 
     Then nobody knows where modules stood.
     """
-    told = recording.parameters
-    attached = told.get(ATTACHED, "1")
+    parameters = recording.parameters
+    attached = parameters.get(ATTACHED, "1")
     if attached not in {"0", "1"}:
         _refuse(recording, attached)
-    taken, without = (told.get(key, "").split() for key in LEFT_OUT)
+    taken, without = (parameters.get(key, "").split() for key in LEFT_OUT)
     for kind in _NEEDED[recording.clock]:
         whole = not taken or any(_matches(kind, each, "*") for each in taken)
         if not whole or any(_matches(kind, each) for each in without):
-            left = ", ".join(f"{key} {told[key]}" for key in LEFT_OUT if key in told)
+            left = ", ".join(f"{key} {parameters[key]}" for key in LEFT_OUT if key in parameters)
             raise InputError(
                 f"{recording.path}: messages were left out when it was recorded ({left}), expected"
                 f" all of {' and '.join(_NEEDED[recording.clock])}"

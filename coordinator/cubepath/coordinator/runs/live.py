@@ -73,8 +73,8 @@ class Divergence:
 
     def __str__(self) -> str:
         """Return it in a line, and in a second one what the module had sensed."""
-        who = "" if self.module is None else f", module_{self.module}"
-        lines = [f"round {self.round}{who}: {self.live}; on record {self.recorded}"]
+        module = "" if self.module is None else f", module_{self.module}"
+        lines = [f"round {self.round}{module}: {self.live}; on record {self.recorded}"]
         if self.site is not None:
             lines.append(
                 "; ".join([f"it stood at {self.site}", *(self.sensed or ["saw no module"])])
@@ -106,17 +106,17 @@ class LiveReplay:
     def document(self) -> dict[str, Any]:
         """Return the keys of ``cubepath replay --modules --json``."""
         found = self.divergence
-        told = None
+        divergence = None
         if found is not None:
-            told = {key: getattr(found, key) for key in found.__slots__}
-            told["sensed"] = list(found.sensed)
+            divergence = {key: getattr(found, key) for key in found.__slots__}
+            divergence["sensed"] = list(found.sensed)
         return {
             "log": self.log,
             "live": list(self.live),
             "rounds": self.rounds,
             "recorded_rounds": self.recorded_rounds,
             "same": self.same,
-            "divergence": told,
+            "divergence": divergence,
             "recording": self.recording,
         }
 
@@ -163,7 +163,7 @@ def replay_live(
     live = tuple(everyone if modules is None else sorted(set(modules)))
     _check(record, live)
     name = _rule_of(record, stage, live, joined=bool(wait_for)) if rule is None else rule
-    own, told = _note_lengths(record, name)
+    own, recorded = _note_lengths(record, name)
     kept = None if log is None else str(log)
     tell_damages(record, say)
     with ExitStack() as resources:
@@ -177,7 +177,7 @@ def replay_live(
             hesitate=stage.hesitate,
             processes=processes,
             # In round 2 notes are heard, and none is taken for one of another length.
-            max_rounds=record.rounds if own == told else 1,
+            max_rounds=record.rounds if own == recorded else 1,
             log=Path(log),
             patience=patience,
             listen=listen,
@@ -185,9 +185,9 @@ def replay_live(
             secure=None if secure is None else Path(secure),
             wait_for=wait_for,
         )
-        branch = _branch(record, stage, name, live, told)
+        branch = _branch(record, stage, name, live, recorded)
         running = Run(plan, watch=watch, say=say, branch=branch)
-        other = None if own == told else (_notes(told), _notes(own))
+        other = None if own == recorded else (_notes(recorded), _notes(own))
         return _played(record, live, running, other, kept)
 
 
@@ -199,8 +199,8 @@ def _check(record: RecordedDecisions, live: tuple[int, ...]) -> None:
     path, modules = record.recording.path, len(record.recording.scene.start)
     strange = [module for module in live if not 0 <= module < modules]
     if strange or not live:
-        told = f"modules={strange[0]}: no such module" if strange else "modules: none is live"
-        raise InputError(f"{told}, {path} has 0-{modules - 1}")
+        problem = f"modules={strange[0]}: no such module" if strange else "modules: none is live"
+        raise InputError(f"{problem}, {path} has 0-{modules - 1}")
     if not record.rounds:
         raise InputError(f"{path}: no whole round is on record, expected some to compare with")
 
@@ -237,13 +237,13 @@ def _note_lengths(record: RecordedDecisions, name: str) -> tuple[int, int]:
     """Return how many numbers the notes of the rule have, and those in the recording."""
     scene = record.recording.scene
     modules = len(scene.start)
-    own, told = rule_named(name, scene.system).length(modules), record.note_length
-    if told == 0 and record.rounds > 1:  # all are silent, or nobody is near
+    own, recorded = rule_named(name, scene.system).length(modules), record.note_length
+    if recorded == 0 and record.rounds > 1:  # all are silent, or nobody is near
         # A file that the recording names does not run, so its rule is taken for a silent one.
         rules = [None if is_in_file(each) else find_rule(each) for each in record.stages[0].rules]
         speak = all(each is not None and each.length(modules) > 0 for each in rules)
         return own, own if speak else 0
-    return own, told if record.rounds > 1 else own
+    return own, recorded if record.rounds > 1 else own
 
 
 def _branch(
@@ -329,11 +329,11 @@ class _Comparing:
 
     def first(self, number: int, heard: Words, *, whole: bool) -> Divergence | None:
         """Return the first difference in a round; if it is not whole, in what was heard of it."""
-        told = self._record.words[number - 1]
+        recorded = self._record.words[number - 1]
         for kind in _ORDER:
-            said = heard.keys() if not whole else heard.keys() | told.keys()
-            for module in sorted(module for each, module in said if each == kind):
-                was, now = told.get((kind, module)), heard.get((kind, module))
+            keys = heard.keys() if not whole else heard.keys() | recorded.keys()
+            for module in sorted(module for each, module in keys if each == kind):
+                was, now = recorded.get((kind, module)), heard.get((kind, module))
                 if _content(was) != _content(now):
                     texts = (_text(each, kind) for each in (was, now))
                     return self.divergence(number, module, kind, *texts)
@@ -372,40 +372,40 @@ class _Comparing:
         return Divergence(number, module, kind, was, now, site_text(where[module]), tuple(sensed))
 
 
-def _content(said: Part | Report | None) -> object:
+def _content(message: Part | Report | None) -> object:
     """Return what counts of a module's message, whatever the format of the recording."""
-    match said:
+    match message:
         case Note():
-            return tuple(said.note)
+            return tuple(message.note)
         case Claim():
-            return said.generator, said.at
+            return message.generator, message.at
         case Verdict():
-            return said.granted, frozenset(said.to)
+            return message.granted, frozenset(message.to)
         case Report():
-            move = None if said.move is None else (said.move.generator, said.move.at)
+            move = None if message.move is None else (message.move.generator, message.move.at)
             at = None if move is None else move[1]
-            sites = said.before, said.site
-            return said.claim, move and move[0], at, sites, said.failed
+            sites = message.before, message.site
+            return message.claim, move and move[0], at, sites, message.failed
         case _:
             return None
 
 
-def _text(said: Part | Report | None, kind: str) -> str:
+def _text(message: Part | Report | None, kind: str) -> str:
     """Return a module's message as the end of a sentence about it."""
-    match said:
+    match message:
         case Note():
-            return f"notes {said.note}"
+            return f"notes {message.note}"
         case Claim():
-            return f"claims {move_text(GeneratorPlacement(said.generator, said.at))}"
+            return f"claims {move_text(GeneratorPlacement(message.generator, message.at))}"
         case Verdict():
-            how = "granted" if said.granted else "lost"
-            to = ", ".join(map(site_text, in_order(said.to)))
+            how = "granted" if message.granted else "lost"
+            to = ", ".join(map(site_text, in_order(message.to)))
             return f"says that its claim is {how}, to {to}"
         case Report():
-            gave_up = "" if said.failed is None else f", gives up: {said.failed}"
+            gave_up = "" if message.failed is None else f", gives up: {message.failed}"
             return (
-                f"reports {said.claim}, {move_text(said.move)}, and stands at"
-                f" {site_text(said.site)}{gave_up}"
+                f"reports {message.claim}, {move_text(message.move)}, and stands at"
+                f" {site_text(message.site)}{gave_up}"
             )
         case _:
             return {"note": "notes nothing", "claim": "claims nothing"}.get(kind, f"no {kind}")

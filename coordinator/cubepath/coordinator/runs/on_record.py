@@ -114,35 +114,39 @@ def tell_damages(record: RecordedDecisions, say: Callable[[str], object] | None)
 
 def _check_kind(recording: Recording) -> None:
     """Refuse recordings of modules that chose in another way than by a rule, in rounds."""
-    path, told = recording.path, recording.parameters
+    path, parameters = recording.path, recording.parameters
     if recording.clock == "free":
         raise InputError(
             f"{path}: a run without rounds, whose modules act when they are ready:"
             " expected a recording of a run with rounds"
         )
-    if recording.schedule is not None or "schedule" in told or told.get("rule") == SCHEDULE:
+    if (
+        recording.schedule is not None
+        or "schedule" in parameters
+        or parameters.get("rule") == SCHEDULE
+    ):
         raise InputError(
             f"{path}: its modules carry out a schedule, each its own part, and follow no rule:"
             " expected a recording of a run by a rule ('cubepath run --schedule' carries it out)"
         )
-    if told.get("rule") == OUTSIDE:
+    if parameters.get("rule") == OUTSIDE:
         raise InputError(f"{path}: its modules were driven from outside, expected a rule")
 
 
 def _whole(words: Sequence[Words]) -> int:
     """Return up to which round nothing is missing that is known to have been sent."""
-    for place, said in enumerate(words):
-        for report in (each for each in said.values() if isinstance(each, wire.Report)):
+    for place, messages in enumerate(words):
+        for report in (each for each in messages.values() if isinstance(each, wire.Report)):
             heard = {(kind, sender) for kind, sender in report.deliveries() if kind in _KINDS}
-            lost = report.claim == "lost" and ("claim", report.module) not in said
-            if lost or not heard <= said.keys():
+            lost = report.claim == "lost" and ("claim", report.module) not in messages
+            if lost or not heard <= messages.keys():
                 return place
     return len(words)
 
 
-def _choice(recording: Recording, said: Words, after: Words, module: int) -> RecordedChoice:
+def _choice(recording: Recording, messages: Words, after: Words, module: int) -> RecordedChoice:
     """Return what a module chose in a round; of the next one only its note counts."""
-    report, claim = said["report", module], said.get(("claim", module))
+    report, claim = messages["report", module], messages.get(("claim", module))
     note = after.get(("note", module))
     assert isinstance(report, wire.Report)  # noqa: S101 - rounds are whole
     move = report.move
@@ -158,8 +162,8 @@ def _choice(recording: Recording, said: Words, after: Words, module: int) -> Rec
 
 
 def _note_length(words: Iterable[Words]) -> int:
-    for said in words:
-        for part in said.values():
+    for messages in words:
+        for part in messages.values():
             if isinstance(part, wire.Note):
                 return len(part.note)
     return 0
@@ -167,8 +171,8 @@ def _note_length(words: Iterable[Words]) -> int:
 
 def _stages(recording: Recording, own: set[int]) -> tuple[RuleStage, ...]:
     """Return which rules modules follow, except those whose process named its own rule."""
-    told, path = recording.parameters, recording.path
-    rule, seed, hesitate = told.get("rule"), seed_in(told), hesitation_in(told)
+    parameters, path = recording.parameters, recording.path
+    rule, seed, hesitate = parameters.get("rule"), seed_in(parameters), hesitation_in(parameters)
     stages = stages_in(recording)
     for key, value in (("rule", rule), ("seed", seed), ("hesitate", hesitate)):
         if value is None or (key == "rule" and value == RECORDED and not stages):

@@ -90,7 +90,12 @@ class RunOptions:
     connect: (
         Annotated[
             str,
-            Meta(description="use the router that listens there, and start none", extra=_ENDPOINT),
+            Meta(
+                description="use the router that listens there, and start none; of linked routers,"
+                " all to try, separated by commas. With --listen, link the run's own router with"
+                " these",
+                extra=_ENDPOINT,
+            ),
         ]
         | None
     ) = None

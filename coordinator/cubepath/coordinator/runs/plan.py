@@ -188,15 +188,8 @@ def _check_lockstep(plan: Plan) -> None:
 
 
 def _check_free(plan: Plan) -> None:
-    for key, given in (
-        ("listen", plan.listen),
-        ("connect", plan.connect),
-        ("secure", plan.secure),
-        ("wait-for", plan.wait_for),
-        ("repair", plan.repair),
-    ):
-        if given:
-            raise OptionError(f"{key}: not for runs without rounds (clock=free)")
+    if plan.repair:
+        raise OptionError("repair: not for runs without rounds (clock=free)")
     if plan.log_time == "round":
         raise OptionError("log-time=round: without rounds (clock=free), expected level or wall")
     if plan.processes < 1:
@@ -280,18 +273,18 @@ def check_topics(task: RunTask, plan: Plan) -> None:
 def file_name(plan: Plan, task: RunTask) -> str:
     """Return the name of the recording of a plan that does not name one."""
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-    told = task.name if task.branch is None else task.rule
-    rule = re.sub(r"[^\w.]+", "-", Path(told).name)  # a rule may be FILE.py:NAME
+    rule_name = task.name if task.branch is None else task.rule
+    rule = re.sub(r"[^\w.]+", "-", Path(rule_name).name)  # a rule may be FILE.py:NAME
     return f"{_system_name(plan, task.scene)}-{rule}-{plan.seed}-{now}.mcap"
 
 
 def _system_name(plan: Plan, scene: Scene) -> str:
     """Return the name of a system in a log: the file that it was read from, or else its family."""
-    told = plan.system if isinstance(plan.system, str) else scene.spec
+    spec = plan.system if isinstance(plan.system, str) else scene.spec
     name = scene.family or scene.spec
-    is_pipe = told.startswith("/dev/")  # process substitution in a shell gives a number
-    if not is_pipe and (told.endswith(".toml") or "/" in told.partition(":")[0]):
-        name = Path(told).stem
+    is_pipe = spec.startswith("/dev/")  # process substitution in a shell gives a number
+    if not is_pipe and (spec.endswith(".toml") or "/" in spec.partition(":")[0]):
+        name = Path(spec).stem
     return name_part(name) or "system"
 
 
@@ -332,21 +325,21 @@ def _processes(plan: Plan, scene: Scene) -> dict[str, str]:
 
     In that case the others may be fewer than planned, which nobody knows when the recording begins.
     """
-    if plan.wait_for:
-        return {"wait_for": str(plan.wait_for)}
-    if plan.is_free:
-        return {
-            "processes": str(min(plan.processes, len(scene.start))),
-            "clock": plan.clock,
-            "keepers": str(plan.keepers),
-            "log_time": plan.log_time or "level",
-            "on_crash": plan.on_crash,
-            "speeds": ",".join(
-                f"{module}={plan.speeds[module]:g}" for module in sorted(plan.speeds)
-            ),
-            "jitter": f"{plan.jitter:g}",
-        }
-    return {"processes": str(min(plan.processes, len(scene.start)))}
+    told = (
+        {"wait_for": str(plan.wait_for)}
+        if plan.wait_for
+        else {"processes": str(min(plan.processes, len(scene.start)))}
+    )
+    if not plan.is_free:
+        return told
+    return told | {
+        "clock": plan.clock,
+        "keepers": str(plan.keepers),
+        "log_time": plan.log_time or "level",
+        "on_crash": plan.on_crash,
+        "speeds": ",".join(f"{module}={plan.speeds[module]:g}" for module in sorted(plan.speeds)),
+        "jitter": f"{plan.jitter:g}",
+    }
 
 
 def _version(package: str) -> str:

@@ -6,7 +6,8 @@ that ends removes the folder, unless it failed.
 A log that lacks its last records is valid in itself: a crash before they were written would have
 left the same. But a keeper logs before it sends, so the logs of other keepers and the recording
 show which records a log must have. The numbers of a keeper only grow along its log, so it is enough
-to compare the last ones.
+to compare the last ones. Those of a log that was compacted are in what is left: of each module what
+was prepared or decided last, and what each keeper has acknowledged last.
 """
 
 import os
@@ -59,9 +60,10 @@ class _Known:
         self._system, self._tiles = scene.system, Tiles(scene.system, keepers)
         self._commits = [Commits() for _ in range(keepers)]
         self._has: dict[_Key, _Number] = {}
-        self._told: dict[_Key, tuple[_Number, Path]] = {}
+        self._numbers: dict[_Key, tuple[_Number, Path]] = {}
         self._entered: Counter[int] = Counter()
         self._epochs: dict[int, tuple[int, Path]] = {}
+        self._recorded = [0] * keepers
 
     def record(self, keeper: int, record: journal.Record | journal.Opened, where: Path) -> None:
         """Note a record in the log of a keeper, and of what it says of other logs."""
@@ -71,18 +73,40 @@ class _Known:
             case journal.Prepared(passed=passed):
                 attempt = passed.attempt
                 self._log(_Key(keeper, _PREPARED, attempt.module), attempt.epoch, attempt.number)
+                # Those before are decided: a keeper prepares one attempt of a module at a time.
+                self._log(_Key(keeper, _DECIDED, attempt.module), attempt.epoch, attempt.number - 1)
                 self._attempted(keeper, attempt, where)
             case journal.Committed(passed=passed, decision=decision):
                 self._has[_Key(keeper, _COMMIT)] = self._committed(decision, where)
                 self._attempted(keeper, passed.attempt, where)
             case journal.Decided(decision=decision):
-                self._log(_Key(keeper, _DECIDED, decision.module), decision.epoch, decision.number)
+                for what in (_PREPARED, _DECIDED):
+                    key = _Key(keeper, what, decision.module)
+                    self._log(key, decision.epoch, decision.number)
+                self._acted(decision.module, decision.epoch, where)
                 self._committed(decision, where)
             case journal.Acknowledged():
                 key = _Key(record.keeper, _DECIDED, record.module)
                 self._tell(key, (record.epoch, record.number), where)
             case journal.JoinedRecord(enter=enter):
                 self._entered[enter.module] += 1
+            case journal.Compacted():
+                self._compacted(keeper, record, where)
+            case journal.KeptCommit(commit=moved):
+                self._has[_Key(keeper, _COMMIT)] = self._moved(moved, where)
+
+    def _compacted(self, keeper: int, record: journal.Compacted, where: Path) -> None:
+        journal.check_kept(where, record.commits, self._recorded[keeper])
+        self._has[_Key(keeper, _COMMIT)] = (record.commits,)
+        self._entered.update(record.entered)
+        for decision, owing in record.unsettled:
+            for other in owing:
+                key = _Key(other, _PREPARED, decision.module)
+                self._tell(key, (decision.epoch, decision.number), where)
+
+    def recorded(self) -> None:
+        """Note that what has come so far is in the recording."""
+        self._recorded = [len(commits.in_order) for commits in self._commits]
 
     def message(self, message: free_messages.FreeMessage, where: Path) -> None:
         """Note what a message in the recording says of the logs."""
@@ -98,7 +122,7 @@ class _Known:
                 for part in parts:
                     if isinstance(part, free_messages.Entered):
                         self._acted(part.occupant.module, part.occupant.epoch, where)
-                    elif isinstance(part, free_messages.Decision):
+                    else:
                         self._committed(part, where)
             case _:
                 pass
@@ -137,8 +161,8 @@ class _Known:
         self._has[key] = max(self._has.get(key, ()), number)
 
     def _tell(self, key: _Key, number: _Number, where: Path) -> None:
-        if number[-1] and number > self._told.get(key, ((), where))[0]:
-            self._told[key] = number, where
+        if number[-1] and number > self._numbers.get(key, ((), where))[0]:
+            self._numbers[key] = number, where
 
     def check(self, incarnations: LogsInfo) -> None:
         """Check that the logs and their incarnations are complete; InputError if not."""
@@ -153,7 +177,7 @@ class _Known:
                     f" {log_of(self._folder, key.keeper)} was opened in incarnation {incarnation}:"
                     " it is older"
                 )
-        for key, (number, where) in self._told.items():
+        for key, (number, where) in self._numbers.items():
             found = self._has.get(key, ())
             if found < number:
                 of = "" if key.module is None else f" of module_{key.module}"
@@ -179,6 +203,9 @@ def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
         "", 0
     )  # without incarnations there are no logs
     known = _Known(folder, recording.scene, keepers)
+    for record in recording.of_kind("commit", "commits", "replies"):
+        known.message(free_messages.decode_free(record.data), recording.path)
+    known.recorded()
     for keeper in range(keepers):
         path = log_of(folder, keeper)
         try:
@@ -191,8 +218,6 @@ def check_logs(folder: Path, recording: Recording, keepers: int) -> None:
             raise InputError(
                 f"{path}: {error.strerror or error}, expected a keeper's log"
             ) from None
-    for record in recording.of_kind("commit", "commits", "replies"):
-        known.message(free_messages.decode_free(record.data), recording.path)
     known.check(incarnations)
 
 
@@ -217,13 +242,13 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, RunTask, Recording]:
         if value:
             raise InputError(f"{key}: the run that is resumed has its own")
     recording = read_recording(path)
-    told = recording.parameters
+    parameters = recording.parameters
     if recording.clock != "free":
         raise InputError(
             f"{path}: a run in rounds, expected --round N, the first round of another rule; only a"
             " run without rounds is resumed where it ended"
         )
-    if "schedule" in told:
+    if "schedule" in parameters:
         raise InputError(f"{path}: a run of a schedule, expected one of a rule")
     logs = file_within(path.parent, keeper_logs(path).name)
     if not logs.is_dir():
@@ -231,22 +256,22 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, RunTask, Recording]:
             raise InputError(f"{path}: the run has come to its end, there is nothing to resume")
         raise _no_logs(logs)
     try:
-        rule = permitted_rule(told["rule"], () if plan.rule is None else (plan.rule,))
+        rule = permitted_rule(parameters["rule"], () if plan.rule is None else (plan.rule,))
         if plan.rule is not None and not is_in_file(rule):
             raise InputError("rule: the run that is resumed has its own")
         again = replace(
             plan,
             clock="free",
-            seed=int(told["seed"]),
-            hesitate=float(told["hesitate"]),
-            processes=int(told["processes"]),
-            keepers=int(told["keepers"]),
-            speeds=_speeds(told),
-            jitter=float(told["jitter"]),
-            on_crash=next(each for each in ON_CRASH if each == told["on_crash"]),
-            log_time="wall" if told["log_time"] == "wall" else "level",
+            seed=int(parameters["seed"]),
+            hesitate=float(parameters["hesitate"]),
+            processes=int(parameters.get("processes", plan.processes)),
+            keepers=int(parameters["keepers"]),
+            speeds=_speeds(parameters),
+            jitter=float(parameters["jitter"]),
+            on_crash=next(each for each in ON_CRASH if each == parameters["on_crash"]),
+            log_time="wall" if parameters["log_time"] == "wall" else "level",
         )
-        most = int(told["max_rounds"]) if plan.max_rounds is None else plan.max_rounds
+        most = int(parameters["max_rounds"]) if plan.max_rounds is None else plan.max_rounds
         return again, RunTask(recording.scene, rule, most), recording
     except (KeyError, ValueError, StopIteration) as error:
         raise InputError(f"{path}: its parameters are not those of a run: {error!r}") from None
@@ -281,11 +306,11 @@ def _no_logs(folder: Path) -> InputError:
     return InputError(f"{folder}: not there, expected the logs of the run's keepers")
 
 
-def _speeds(told: Mapping[str, str]) -> dict[int, float]:
-    pairs = [pair.partition("=") for pair in told["speeds"].split(",") if pair]
+def _speeds(parameters: Mapping[str, str]) -> dict[int, float]:
+    pairs = [pair.partition("=") for pair in parameters["speeds"].split(",") if pair]
     return {int(module): float(factor) for module, _, factor in pairs}
 
 
-def is_said(kind: str) -> bool:
+def is_on_wire(kind: str) -> bool:
     """Return whether a record of this kind was on the wire, and is not a result."""
     return kind in free_messages.FREE_KINDS or kind == "refused"

@@ -159,7 +159,7 @@ class Run:
         return driver
 
     def _wait_s(self) -> float:
-        return self.pace()  # which may be another by now
+        return self.pace()  # which may have changed
 
     def _check(self) -> None:
         self._lock.check()
@@ -173,7 +173,7 @@ class Run:
         plan = self.plan
         own = min(plan.processes, len(self.scene.start))
         keepers = plan.keepers if plan.is_free else 0
-        # Who waits for others has a session more, for that.
+        # Waiting for remote processes opens one more session.
         check_descriptors(own + keepers + (plan.network != NetworkConfig()), files=1 + more)
 
     @property
@@ -184,7 +184,7 @@ class Run:
     # How it continues.
 
     def step(self, count: int = 1, *, timeout_s: float = _TIMEOUT_S) -> bool:
-        """Play so many rounds, or listen until so many more moves; return whether the run goes on.
+        """Play `count` rounds, or wait for `count` more moves; return whether the run continues.
 
         Without rounds, TimeoutError if they do not come in time.
         """
@@ -242,7 +242,7 @@ class Run:
     def messages(self, *kinds: str) -> Iterator[TappedMessage]:
         """Go on to the end of the run, and yield each message, or each of these kinds.
 
-        Who breaks out of the loop leaves the run where it is: `step` and its like continue from
+        Breaking out of the loop leaves the run where it is: `step` and its like continue from
         there. InputError if there is no such kind.
         """
         return self._messages(Tap(kinds))
@@ -331,7 +331,7 @@ class Run:
 
     @property
     def endpoint(self) -> str:
-        """Return where whoever may join can listen: ``cubepath.protocol.open_client(endpoint)``."""
+        """Return the endpoint for other programs: ``cubepath.protocol.open_client(endpoint)``."""
         return "" if self._driver is None else self._driver.endpoint
 
     @property
@@ -424,7 +424,7 @@ def _driver(context: RunContext) -> Driver[ProcessFleet]:
 def _check(plan: Plan, task: RunTask) -> None:
     """Refuse what the network, the recording or the system cannot carry."""
     modules = len(task.scene.start)
-    plan.network.check(modules, min(plan.processes, modules))
+    plan.network.check(modules, min(plan.processes, modules), plan.keepers if plan.is_free else 0)
     check_topics(task, plan)
 
 

@@ -1,4 +1,4 @@
-"""Who may act on a run: one thread at a time; a listener of a round cannot step the run.
+"""The lock of a run: one thread at a time acts on it; a listener of a round cannot step the run.
 
 Interrupts become exceptions that are raised between two messages, never in the middle of one.
 """
@@ -50,7 +50,7 @@ _CLOSE_S_MAX = 60.0
 
 
 class RunLock:
-    """Who may continue with a run: one thread at a time, and nobody who listens to a round."""
+    """Lets one thread at a time continue a run, and no listener of a round."""
 
     def __init__(self) -> None:
         """Begin with nothing under way."""

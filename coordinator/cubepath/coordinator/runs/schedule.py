@@ -37,7 +37,7 @@ class ScheduleExecution:
         self.assignment = assignment
         self.stopped: Stopped | None = None
         self.over = False
-        """True once the schedule is done or has stopped, also while the rule goes on from there."""
+        """True once the schedule is done or has stopped, even while the rule continues."""
 
     def look(self, gatherer: Gathered) -> None:
         """Look at the reports of the last round; before the first round there are none."""
@@ -53,7 +53,7 @@ class ScheduleExecution:
         self.over = self.stopped is not None or number == len(assignment.cubes)
 
 
-def told(stopped: Stopped) -> str:
+def stop_text(stopped: Stopped) -> str:
     """Return one line on where a schedule stopped, and why."""
-    who = "" if stopped.module is None else f"module_{stopped.module}: "
-    return f"the schedule stopped at round {stopped.round}: {who}{stopped.reason}"
+    module = "" if stopped.module is None else f"module_{stopped.module}: "
+    return f"the schedule stopped at round {stopped.round}: {module}{stopped.reason}"

@@ -45,7 +45,7 @@ def snapshots(scene: Scene, steps: Iterable[Iterable[Action]]) -> Iterator[Snaps
             index = end_at(action, state)
             if index is None:
                 raise InputError(f"step {number}: {why_inadmissible(action, state)}")
-            motion = _goes(scene.system, action, index)
+            motion = motion_of(scene.system, action, index)
             apply_in_place(action, state)
             movers = [module_at.pop(source) for source, _ in motion]
             for module, (source, target) in zip(movers, motion, strict=True):
@@ -60,7 +60,7 @@ def visited(found: Iterable[Snapshot]) -> Iterator[Site]:
     return iter(dict.fromkeys(snap.sites[module] for snap in found for module in snap.moved))
 
 
-def _goes(system: System, action: Action, index: int) -> Sequence[tuple[Site, Site]]:
+def motion_of(system: System, action: Action, index: int) -> Sequence[tuple[Site, Site]]:
     """Return where the action takes each module of its trace from its end `index`."""
     before = in_order(action.ends[index] & action.trace)
     for move in system.moves_of(action):

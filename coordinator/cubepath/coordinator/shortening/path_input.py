@@ -15,6 +15,7 @@ from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, car
 from cubepath.protocol.core.actions import Action, why_inadmissible
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.garbage import collector_paused
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only
@@ -94,7 +95,7 @@ class PathInput:
         For a plan, or a moves file without a system, only sites of the moves are known.
         """
         if self.given_scene is None:
-            return self.numbered.told_start()
+            return self.numbered.stated_start()
         return self.given_scene.start_state
 
     @property
@@ -184,6 +185,7 @@ class _Reading:
         self._progress = progress
         self._began = time.perf_counter()
 
+    @collector_paused()
     def read(self) -> PathInput:
         file, system, hints = self._file, self._system, self._hints
         if hints.format is not None:
@@ -211,7 +213,11 @@ class _Reading:
         companions, system = self._hints.companions, self._system
         named = None if isinstance(system, Scene) else system
         plan = read_plan(self._file, spec, companions=companions, system=named)
-        numbered = number_moves(plan.moves, self._progress)
+        numbered = plan.numbered()
+        if numbered is None:
+            numbered = number_moves(plan.moves, self._progress)
+        elif self._progress is not None:
+            self._progress(len(numbered.numbers))
         return PathInput(
             self._file.path,
             spec.partition(":")[0],
@@ -260,11 +266,11 @@ class _Reading:
         return checked
 
     def _lines(self, scene: Scene | None) -> NumberedPath:
-        told = 0
+        reported = 0
 
         def tell(count: int) -> None:
-            nonlocal told
-            told += count
+            nonlocal reported
+            reported += count
             if self._progress is not None:
                 self._progress(count)
 
@@ -278,5 +284,5 @@ class _Reading:
                 return checked
         # Reading line by line finds what is wrong and where, or that the form is only unusual.
         found = number_moves(read_moves(self._file, scene))
-        tell(len(found.numbers) - told)
+        tell(len(found.numbers) - reported)
         return found

@@ -8,10 +8,10 @@ In runs without rounds a fault happens at any time and place, up to a last one. 
 run, so faults may last as long as they like. Afterwards every process is back, or gone permanently.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 SECOND_US = 1_000_000
 
@@ -97,22 +97,18 @@ class Fault:
 class Faults(Protocol):
     """Says which faults happen at each place and count; each is asked for once."""
 
-    def on_hop(self, where: str, nth: int) -> Fault | None:
-        """Return the fault that happens to a message on a link."""
-
-    def on_process(self, where: str, nth: int) -> Fault | None:
-        """Return the fault that happens to a process before it takes a message."""
-
-    def on_router(self, nth: int) -> Fault | None:
-        """Return the fault that happens to the router before it routes a message."""
-
-    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
-        """Return the lie that a process tells instead of a message, of these kinds."""
-
     @property
     def liars(self) -> frozenset[str]:
         """Return the names of the processes that may tell lies."""
         ...
+
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
+        """Return the fault at a place, if there is one.
+
+        A place is a link such as ``process_0 up``, for its next message; a process, before it takes
+        a message; `ROUTER`, before it routes one; or a process with `STARTS` or `SAYS` behind its
+        name. There, `kinds` are the lies that there are about the message.
+        """
 
 
 class ListedFaults:
@@ -122,20 +118,10 @@ class ListedFaults:
         """Sort the faults by place."""
         self._faults = {(fault.where, fault.nth): fault for fault in faults}
 
-    def on_hop(self, where: str, nth: int) -> Fault | None:
-        """Return the listed fault, if there is one."""
-        return self._faults.get((where, nth))
-
-    on_process = on_hop
-
-    def on_router(self, nth: int) -> Fault | None:
-        """Return the listed fault, if there is one."""
-        return self._faults.get((ROUTER, nth))
-
-    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
-        """Return the listed lie, if there is one and it fits here."""
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
+        """Return the listed fault, if there is one, and if it fits here."""
         found = self._faults.get((where, nth))
-        return found if found is not None and found.kind in kinds else None
+        return None if found is None or (kinds and found.kind not in kinds) else found
 
     @property
     def liars(self) -> frozenset[str]:
@@ -145,7 +131,62 @@ class ListedFaults:
         )
 
 
-class DrawnFaults:
+_Table: TypeAlias = list[tuple[float, str]]
+"""Kinds of faults, each with the sum of the rates so far, the largest first."""
+
+
+def _table(rates: Mapping[str, float]) -> _Table:
+    found, total = [], 0.0
+    for kind, rate in sorted(rates.items(), key=lambda each: -each[1]):
+        total += rate
+        found.append((total, kind))
+    return found
+
+
+class _Drawn:
+    """Faults at random, by tables of what can happen at each place.
+
+    What takes time is drawn only as long as all of it together fits into the outages of a run.
+    """
+
+    def __init__(
+        self, random: Random, outages_us: float, amounts_us: Mapping[str, tuple[float, float]]
+    ) -> None:
+        self._random = random
+        self._left_us = outages_us
+        self._amounts_us = amounts_us
+        self._tables: dict[str, _Table] = {}
+
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:  # noqa: ARG002
+        """Draw whether something happens."""
+        table = self._tables.get(where)
+        if not table:
+            return None
+        one = self._random.random()
+        if one >= table[-1][0]:
+            return None
+        kind = next(kind for total, kind in table if one < total)
+        amount = self._amount_us(kind)
+        outage = self._outage_us(kind, amount)
+        if outage > _BRIEF_US:
+            if outage > self._left_us:
+                return None
+            self._left_us -= outage
+        return Fault(where, nth, kind, amount)
+
+    def _amount_us(self, kind: str) -> int:
+        bounds = self._amounts_us.get(kind)
+        return 0 if bounds is None else int(between(self._random, *bounds))
+
+    def _outage_us(self, _kind: str, amount_us: int) -> int:
+        return amount_us
+
+
+def _links(names: Iterable[str]) -> list[str]:
+    return [f"{name} {way}" for name in names for way in ("up", "down")]
+
+
+class DrawnFaults(_Drawn):
     """Faults at random: kinds are switched off and rates drawn for the whole run, then each fault.
 
     All that is tolerated takes less time together than the patience, so no run may end of it.
@@ -163,76 +204,55 @@ class DrawnFaults:
 
         With `lies` there are liars in most runs, which are drawn from it alone.
         """
-        self._random = random
+        super().__init__(random, _OUTAGE * patience_us, _AMOUNTS_US)
         self._patience_us = patience_us
-        self._left_us = _OUTAGE * patience_us
-        self.rates = {
+        names = list(processes)
+        rates = {
             kind: 0.0 if random.random() < SWITCHED_OFF else between(random, *bounds)
             for kind, bounds in _RATES.items()
         }
-        self._hops = self._table(ON_HOPS)
-        self._processes = self._table(("pause", "slow"))
+        for places, kinds in (
+            (_links([coordinator, *names]), ON_HOPS),
+            ([coordinator, *names], ("pause", "slow")),
+            ([ROUTER], ON_ROUTER),
+        ):
+            self._tables |= dict.fromkeys(places, _table({kind: rates[kind] for kind in kinds}))
         self._ends: dict[tuple[str, int], Fault] = {}
-        names = list(processes)
         for kind, probability in _ONCE.items():
             if random.random() < probability:
                 # Few of the later ones come to pass: many runs are over before.
                 who = [*names, coordinator] if kind == "stall" else names
                 at = (random.choice(who), int(between(random, 1, 300)) - 1)
-                self._ends[at] = Fault(*at, kind, self._long(kind))
+                self._ends[at] = Fault(*at, kind, self._amount_us(kind))
         self._lies = lies
         self._liars: dict[str, tuple[float, frozenset[str]]] = {}
         if lies is not None and lies.random() < _LYING:
             for name in lies.sample(names, min(len(names), 1 + (lies.random() < _SECOND_LIAR))):
-                kinds = frozenset(kind for kind in LIES if lies.random() >= SWITCHED_OFF)
-                self._liars[name] = between(lies, *_LIE_RATES), kinds
+                possible = frozenset(kind for kind in LIES if lies.random() >= SWITCHED_OFF)
+                self._liars[name] = between(lies, *_LIE_RATES), possible
 
-    def _table(self, kinds: Iterable[str]) -> list[tuple[float, str]]:
-        """Return the kinds, each with the sum of the rates so far, the largest first."""
-        found, total = [], 0.0
-        for kind in sorted(kinds, key=lambda kind: -self.rates[kind]):
-            total += self.rates[kind]
-            found.append((total, kind))
-        return found
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
+        """Draw whether something happens, or whether a liar lies now, and how."""
+        if kinds:
+            return self._lie(where, nth, kinds)
+        return self._ends.get((where, nth)) or super().at(where, nth)
 
-    def _long(self, kind: str) -> int:
-        if kind == "stall":
-            return int(self._patience_us * self._random.uniform(*_STALL))
-        bounds = _AMOUNTS_US.get(kind)
-        return 0 if bounds is None else int(between(self._random, *bounds))
-
-    def _drawn(self, table: list[tuple[float, str]], where: str, nth: int) -> Fault | None:
-        one = self._random.random()
-        if one >= table[-1][0]:
-            return None
-        kind = next(kind for total, kind in table if one < total)
-        amount = self._long(kind)
-        outage = amount * (SLOW_MESSAGES if kind == "slow" else 1)
-        if kind != "duplicate" and outage > _BRIEF_US:
-            if outage > self._left_us:
-                return None
-            self._left_us -= outage
-        return Fault(where, nth, kind, amount)
-
-    def on_hop(self, where: str, nth: int) -> Fault | None:
-        """Draw whether something happens to a message."""
-        return self._drawn(self._hops, where, nth)
-
-    def on_process(self, where: str, nth: int) -> Fault | None:
-        """Draw whether something happens to a process."""
-        return self._ends.get((where, nth)) or self._drawn(self._processes, where, nth)
-
-    def on_router(self, nth: int) -> Fault | None:
-        """Draw whether the router dies."""
-        return self._drawn([(self.rates["router"], "router")], ROUTER, nth)
-
-    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
-        """Draw whether a liar lies now, and how."""
+    def _lie(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
         rate, own = self._liars.get(where.removesuffix(SAYS), (0.0, frozenset()))
         found = [kind for kind in kinds if kind in own]
         if self._lies is None or not found or self._lies.random() >= rate:
             return None
         return Fault(where, nth, self._lies.choice(found))
+
+    def _amount_us(self, kind: str) -> int:
+        if kind == "stall":
+            return int(self._patience_us * self._random.uniform(*_STALL))
+        return super()._amount_us(kind)
+
+    def _outage_us(self, kind: str, amount_us: int) -> int:
+        if kind == "duplicate":
+            return 0
+        return amount_us * (SLOW_MESSAGES if kind == "slow" else 1)
 
     @property
     def liars(self) -> frozenset[str]:
@@ -259,10 +279,16 @@ FREE_KINDS = (
     "late",
     "router",
     "partition",
+    "one-way",
+    "host",
+    "twin",
+    "jump",
 )
 """Beside those of a run with rounds: a link is slow for a while; a process is killed after it has
 written, and before it has sent, what follows from a message, or while it writes that; a module
-process leaves, and perhaps comes back, or comes late; some processes do not hear the others."""
+process leaves, and perhaps comes back, or comes late; some hosts and the others do not hear each
+other, or one side alone does not; a host dies with its processes, and comes back; a module process
+stops, another takes its place, and it wakes up; a timer runs out early, as after a clock jump."""
 _HOPS: Mapping[str, tuple[float, float]] = {
     "delay": (0.003, 0.3),
     "reorder": (0.003, 0.4),
@@ -278,6 +304,8 @@ _HOST: Mapping[str, tuple[float, float]] = {
     "cut": (0.0005, 0.06),
     "leave": (0.0002, 0.005),
     "crash": (0.0002, 0.004),
+    "twin": (0.0002, 0.006),
+    "jump": (0.0005, 0.02),
 }
 _KEEPER: Mapping[str, tuple[float, float]] = {
     "pause": (0.0005, 0.02),
@@ -286,10 +314,13 @@ _KEEPER: Mapping[str, tuple[float, float]] = {
     "return": (0.0005, 0.02),
     "cut": (0.001, 0.04),
     "torn": (0.001, 0.04),
+    "jump": (0.0005, 0.02),
 }
 _ROUTER: Mapping[str, tuple[float, float]] = {
     "router": (0.0002, 0.004),
     "partition": (0.0002, 0.006),
+    "one-way": (0.0002, 0.006),
+    "host": (0.0001, 0.003),
 }
 _START: Mapping[str, tuple[float, float]] = {"late": (0.05, 0.5)}
 """The least and the greatest rate of a kind: per hop, per message taken, per message routed,
@@ -309,6 +340,9 @@ _FREE_AMOUNTS_US: Mapping[str, tuple[float, float]] = {
     "leave": (2 * SECOND_US, 15 * SECOND_US),
     "router": (1000, 5 * SECOND_US),
     "partition": (1000, 12 * SECOND_US),
+    "one-way": (1000, 12 * SECOND_US),
+    "host": (1000, 5 * SECOND_US),
+    "twin": (1000, 15 * SECOND_US),
 }
 STARTS = " starts"
 """Where a process starts is its name with this."""
@@ -317,108 +351,34 @@ _FOR_GOOD = 0.3
 _OUTAGES_US = 40 * SECOND_US
 """How long processes are away in a run, all together: faults are many rather than long."""
 
-_Table = list[tuple[float, str]]
 
+class FreeDrawnFaults(_Drawn):
+    """Faults at random, in a run without rounds; a seed in eight has no fault at all."""
 
-class FreeDrawnFaults:
-    """Faults at random: kinds are switched off and rates drawn for the whole run, then each fault.
+    liars: frozenset[str] = frozenset()
 
-    A seed in eight has no fault at all.
-    """
-
-    def __init__(self, random: Random, hosts: Iterable[str], keepers: Iterable[str]) -> None:
+    def __init__(
+        self, random: Random, coordinator: str, hosts: Iterable[str], keepers: Iterable[str]
+    ) -> None:
         """Draw the rates, of module processes and keepers each; others have faults on links."""
-        self._random = random
-        self._left_us = float(_OUTAGES_US)
+        super().__init__(random, _OUTAGES_US, _FREE_AMOUNTS_US)
+        names, kept = list(hosts), list(keepers)
         quiet = random.random() < 1 / 8
         off = {kind for kind in FREE_KINDS if quiet or random.random() < SWITCHED_OFF}
-        self._hops = self._table(_HOPS, off)
-        self._router = self._table(_ROUTER, off)
-        host, keeper = self._table(_HOST, off), self._table(_KEEPER, off)
-        names = list(hosts)
-        start = self._table(_START, off)
-        self._processes = dict.fromkeys(names, host) | dict.fromkeys(keepers, keeper)
-        self._processes |= {name + STARTS: start for name in names}
+        for places, bounds in (
+            (_links([coordinator, *names, *kept]), _HOPS),
+            ([ROUTER], _ROUTER),
+            (names, _HOST),
+            (kept, _KEEPER),
+            ([name + STARTS for name in names], _START),
+        ):
+            rates = {kind: between(random, *bounds[kind]) for kind in bounds if kind not in off}
+            self._tables |= dict.fromkeys(places, _table(rates))
 
-    def _table(self, rates: Mapping[str, tuple[float, float]], off: set[str]) -> _Table:
-        """Return the kinds, each with the sum of the rates so far, the largest first."""
-        drawn = [
-            (between(self._random, *bounds), kind)
-            for kind, bounds in rates.items()
-            if kind not in off
-        ]
-        found, total = [], 0.0
-        for rate, kind in sorted(drawn, reverse=True):
-            total += rate
-            found.append((total, kind))
-        return found
-
-    def _drawn(self, table: _Table | None, where: str, nth: int) -> Fault | None:
-        if not table:
-            return None
-        one = self._random.random()
-        if one >= table[-1][0]:
-            return None
-        kind = next(kind for total, kind in table if one < total)
-        amount = self._long(kind)
-        if kind not in _HOPS and amount > _BRIEF_US:
-            if amount > self._left_us:
-                return None
-            self._left_us -= amount
-        return Fault(where, nth, kind, amount)
-
-    def _long(self, kind: str) -> int:
+    def _amount_us(self, kind: str) -> int:
         if kind == "leave" and self._random.random() < _FOR_GOOD:
             return 0
-        bounds = _FREE_AMOUNTS_US.get(kind)
-        return 0 if bounds is None else int(between(self._random, *bounds))
+        return super()._amount_us(kind)
 
-    def on_hop(self, where: str, nth: int) -> Fault | None:
-        """Draw whether something happens to a message."""
-        return self._drawn(self._hops, where, nth)
-
-    def on_process(self, where: str, nth: int) -> Fault | None:
-        """Draw whether something happens to a process."""
-        return self._drawn(self._processes.get(where), where, nth)
-
-    def on_router(self, nth: int) -> Fault | None:
-        """Draw whether the router dies, or some processes do not hear the others."""
-        return self._drawn(self._router, ROUTER, nth)
-
-    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
-        """Return None: nobody lies."""
-
-    @property
-    def liars(self) -> frozenset[str]:
-        """Return no names."""
-        return frozenset()
-
-
-class FaultsForAWhile:
-    """Faults that happen as long as they are not over."""
-
-    def __init__(self, faults: Faults, over: Callable[[], bool]) -> None:
-        """Ask `faults`, until `over` says that there are no more."""
-        self._faults = faults
-        self._over = over
-
-    def on_hop(self, where: str, nth: int) -> Fault | None:
-        """Return what happens to a message."""
-        return None if self._over() else self._faults.on_hop(where, nth)
-
-    def on_process(self, where: str, nth: int) -> Fault | None:
-        """Return what happens to a process."""
-        return None if self._over() else self._faults.on_process(where, nth)
-
-    def on_router(self, nth: int) -> Fault | None:
-        """Return what happens to the router."""
-        return None if self._over() else self._faults.on_router(nth)
-
-    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
-        """Return what a liar says."""
-        return None if self._over() else self._faults.on_saying(where, nth, kinds)
-
-    @property
-    def liars(self) -> frozenset[str]:
-        """Return the names of those who may lie."""
-        return self._faults.liars
+    def _outage_us(self, kind: str, amount_us: int) -> int:
+        return 0 if kind in _HOPS else amount_us

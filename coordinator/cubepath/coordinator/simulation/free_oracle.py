@@ -21,7 +21,6 @@ from cubepath.protocol.wire.free_messages import (
     Entered,
     Forwards,
     FreeMessage,
-    Held,
     PlaceState,
     Replies,
     Requests,
@@ -113,37 +112,39 @@ class FreeState:
     def commit(self, attempt: Attempt, moved: Commit) -> None:
         """Check a commit against everything before it, and carry it out."""
         module = attempt.module
-        who = f"attempt {attempt.number} of module_{module} in epoch {attempt.epoch}"
-        same("epoch", f"{who} is committed, epoch", attempt.epoch, self.epoch[module])
-        same("place", f"{who}, site", attempt.site, self.site[module])
+        name = f"attempt {attempt.number} of module_{module} in epoch {attempt.epoch}"
+        same("epoch", f"{name} is committed, epoch", attempt.epoch, self.epoch[module])
+        same("place", f"{name}, site", attempt.site, self.site[module])
         for at, on in attempt.sensed:
-            same("sensed", f"{who}, what is on at {at!r}", self.shows(at), on)
+            same("sensed", f"{name}, what is on at {at!r}", self.shows(at), on)
         for place, expected, _ in attempt.notes:
             here = self.at.get(place)
             held = () if here is None else self.note[here]
-            same("register", f"{who}, register at {place!r}", held, tuple(expected))
+            same("register", f"{name}, register at {place!r}", held, tuple(expected))
         for unit, version, reads in attempt.after:
             found = self.unit(unit)
-            same("after", f"{who}, {unit!r}", (found[0], found[2]), (version, reads))
+            same("after", f"{name}, {unit!r}", (found[0], found[2]), (version, reads))
         move = None
         if attempt.generator is not None:
-            move = self._move(attempt, who)
-            self._touch(attempt, moved, move, who)
+            move = self._move(attempt, name)
+            self._touch(attempt, moved, move, name)
         else:
-            same("level", f"{who}, level", moved.level, 0)
-            same("versions", f"{who}, units", (moved.read, moved.written, moved.guarded), ([],) * 3)
-        self._change(attempt, moved, move, who)
+            same("level", f"{name}, level", moved.level, 0)
+            same(
+                "versions", f"{name}, units", (moved.read, moved.written, moved.guarded), ([],) * 3
+            )
+        self._change(attempt, moved, move, name)
 
-    def _move(self, attempt: Attempt, who: str) -> Move:
+    def _move(self, attempt: Attempt, name: str) -> Move:
         site, at = self.site[attempt.module], attempt.at
         for move in self.system.moves_at(site):
             if move.generator == attempt.generator and move.at == at:
                 if not move.possible(self.on):
-                    raise OracleError("admissible", f"{who}: {move.generator} at {at!r} is not")
+                    raise OracleError("admissible", f"{name}: {move.generator} at {at!r} is not")
                 return move
-        raise OracleError("admissible", f"{who}: there is no {attempt.generator} at {at!r}")
+        raise OracleError("admissible", f"{name}: there is no {attempt.generator} at {at!r}")
 
-    def _touch(self, attempt: Attempt, moved: Commit, move: Move, who: str) -> None:
+    def _touch(self, attempt: Attempt, moved: Commit, move: Move, name: str) -> None:
         system, action = self.system, move.action
         labels = system.labels is not None
 
@@ -156,15 +157,15 @@ class FreeState:
         guards = {unit for unit, _ in attempt.sensed} - reads - writes
         known = {unit: self.unit(unit) for unit in (*reads, *writes, *guards)}
         found = dict(moved.read)
-        same("versions", f"{who}, reads", found, {unit: known[unit][0] for unit in reads})
+        same("versions", f"{name}, reads", found, {unit: known[unit][0] for unit in reads})
         found = dict(moved.guarded)
-        same("guards", f"{who}, guards", found, {unit: known[unit][0] for unit in guards})
+        same("guards", f"{name}, guards", found, {unit: known[unit][0] for unit in guards})
         wrote = {unit: (version, n) for unit, version, n in moved.written}
         expected = {unit: (known[unit][0], known[unit][2]) for unit in writes}
-        same("versions", f"{who}, writes", wrote, expected)
+        same("versions", f"{name}, writes", wrote, expected)
         before = [known[unit][1] for unit in (*reads, *writes)]
         level = 1 + max([0, *before, *(known[unit][3] for unit in writes)])
-        same("level", f"{who}, level", moved.level, level)
+        same("level", f"{name}, level", moved.level, level)
         for unit in reads:
             version, old, count, read = known[unit]
             self.units[unit] = version, old, count + 1, max(read, level)
@@ -174,7 +175,7 @@ class FreeState:
         for place in writes if labels else {system.place_of(site) for site in writes}:
             self.places[place] = self.places.get(place, 0) + 1
 
-    def _change(self, attempt: Attempt, moved: Commit, move: Move | None, who: str) -> None:
+    def _change(self, attempt: Attempt, moved: Commit, move: Move | None, name: str) -> None:
         """Move what is taken along, and write registers; what is recorded of both must agree."""
         place_of = self.system.place_of
         written = {
@@ -188,13 +189,13 @@ class FreeState:
         for module in {*written, *(module for module, _, _ in taken)}:
             self.version[module] += 1
         expected = [(module, a, b, self.version[module]) for module, a, b in taken]
-        same("motion", f"{who}, motion", moved.motion, expected)
+        same("motion", f"{name}, motion", moved.motion, expected)
         gone = {place_of(a) for _, a, _ in taken}
         for place in gone:
             del self.at[place]
         for module, _, target in taken:
             if place_of(target) in self.at:
-                raise OracleError("place", f"{who}: two modules at {target!r}")
+                raise OracleError("place", f"{name}: two modules at {target!r}")
             self.at[place_of(target)] = module
             self.site[module] = target
         self.note.update(written)
@@ -204,7 +205,7 @@ class FreeState:
         }
         same(
             "register",
-            f"{who}, registers",
+            f"{name}, registers",
             registers,
             {
                 module: (place_of(self.site[module]), self.version[module], written.get(module))
@@ -242,7 +243,7 @@ class Oracle:
         self._asked: dict[Name, Attempt] = {}
         self._committed: dict[Name, Decision] = {}
         self._learned: dict[Name, set[int]] = {}
-        """Who else has logged what was committed."""
+        """Whether other keepers have logged what was committed."""
         self._refused: dict[Name, dict[int, str]] = {}
         """Refused attempts, with what each keeper has logged."""
 
@@ -304,7 +305,7 @@ class Oracle:
 
     # Outgoing messages.
 
-    def said(self, message: FreeMessage) -> None:  # noqa: C901, PLR0912 - a case for each kind
+    def take(self, message: FreeMessage) -> None:  # noqa: C901, PLR0912 - a case for each kind
         """Take what is put on the wire."""
         match message:
             case Requests(parts=parts):
@@ -316,11 +317,11 @@ class Oracle:
                 for turn in turns:
                     self._turn(turn)
             case Replies():
-                self._told(message)
+                self._take_replies(message)
             case Forwards(to=to, parts=passed):
-                for said in passed:
-                    if isinstance(said, Decision):
-                        self._passed(to, said)
+                for each in passed:
+                    if isinstance(each, Decision):
+                        self._passed(to, each)
             case TileUpdate():
                 self._shown(message.parts)
             case Commit(keeper=keeper, serial=serial):
@@ -330,15 +331,13 @@ class Oracle:
             case _:
                 pass
 
-    def _told(self, tells: Replies) -> None:
+    def _take_replies(self, tells: Replies) -> None:
         for part in tells.parts:
             match part:
                 case Entered():
                     self._entered(part)
                 case Decision():
                     self._decision(tells.keeper, part)
-                case Held(parts=shown):
-                    self._shown(shown)
 
     def _turn(self, turn: Turn) -> None:
         if turn.failed is not None:

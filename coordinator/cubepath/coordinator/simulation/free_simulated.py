@@ -11,40 +11,37 @@ was being written. The oracle receives every record once it is sure to stay.
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
+from functools import cached_property, partial
 from typing import Literal
 
-from msgspec.structs import replace
-
+from cubepath.agents.environments.rollouts import play
 from cubepath.agents.free.config import FreeProcessConfig
 from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.keepers.journal import Committed, FileJournal, Journal, Opened, Record
+from cubepath.agents.keepers.journal import Journal, Record, commit_in
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.processes.dealing import dealt
-from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Fault, Faults, FaultsForAWhile
+from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Fault, Faults
 from cubepath.coordinator.simulation.free_oracle import Oracle, OracleError
 from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import FreeScenario
-from cubepath.coordinator.simulation.simulated import COORDINATOR, RUN, Failure
-from cubepath.protocol.core.errors import CheckError, CubepathError
+from cubepath.coordinator.simulation.simulated import COORDINATOR, RUN, Failure, process_names
+from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.credentials import keeper_name, process_name
+from cubepath.protocol.wire.credentials import keeper_name
 from cubepath.protocol.wire.free_messages import (
     Attempt,
     Commit,
     CommitLog,
     CommitQuery,
     EnterRequest,
-    Hold,
     Requests,
     TileQuery,
+    Turns,
     decode_free,
     free_key,
 )
@@ -54,21 +51,25 @@ from cubepath.protocol.wire.nodes import Effect, Listen, Node, Put, Timer
 
 
 class SimulatedJournal:
-    """A journal in memory that can lose what was written since the last look at it."""
+    """A journal in memory that can lose what was written since the last look at it.
+
+    It is compacted often.
+    """
 
     def __init__(self, wrote: Callable[[], None]) -> None:
         """Begin empty; `wrote` is called for each record."""
         self._wrote = wrote
         self._records: list[Record] = []
-        self._commits: list[Commit] = []
-        self._looked = 0
+        self._commits: dict[int, Commit] = {}
+        self._looked = self._compacted = 0
 
     def append(self, record: Record) -> None:
         """Add a record."""
         self._records.append(record)
         self._wrote()
-        if isinstance(record, Committed) and record.decision.commit is not None:
-            self._commits.append(record.decision.commit)
+        moved = commit_in(record)
+        if moved is not None:
+            self._commits[moved.serial] = moved
 
     def records(self) -> Iterator[Record]:
         """Yield all records, in their order."""
@@ -76,7 +77,19 @@ class SimulatedJournal:
 
     def commit(self, serial: int) -> Commit:
         """Return the commit of this serial number, from 1."""
-        return self._commits[serial - 1]
+        return self._commits[serial]
+
+    @property
+    def grown(self) -> bool:
+        """Return whether it has twice the records that it was compacted to."""
+        return len(self._records) > 2 * self._compacted
+
+    def compact(self, records: Iterable[Record]) -> None:
+        """Replace all records by these."""
+        self._records = list(records)
+        self._looked = self._compacted = len(self._records)
+        moved = filter(None, map(commit_in, self._records))
+        self._commits = {each.serial: each for each in moved}
 
     def fresh(self) -> list[Record]:
         """Return the records since this was last called."""
@@ -94,64 +107,11 @@ class SimulatedJournal:
         fresh = len(self._records) - self._looked
         if not fresh:
             return False
-        self._cut(self._looked + number % fresh)
-        return True
-
-    def _cut(self, left: int) -> None:
-        for record in self._records[left:]:
-            if isinstance(record, Committed):
-                self._commits.pop()
+        left = self._looked + number % fresh
+        for moved in filter(None, map(commit_in, self._records[left:])):
+            del self._commits[moved.serial]
         del self._records[left:]
-
-    def again(self) -> SimulatedJournal:
-        """Return the journal for the next keeper."""
-        return self
-
-
-class SimulatedFile(SimulatedJournal):
-    """The same in a file, as real keepers have it, of whose torn record a part remains."""
-
-    def __init__(self, wrote: Callable[[], None], path: Path) -> None:
-        """Begin with a file that has nothing in it."""
-        super().__init__(wrote)
-        self._opened = Opened("simulated", 0, 1)
-        self._file = FileJournal(path, self._opened)
-        self._ends = [path.stat().st_size]
-
-    def append(self, record: Record) -> None:
-        """Add a record."""
-        super().append(record)
-        self._file.append(record)
-        self._ends.append(self._file.path.stat().st_size)
-
-    def records(self) -> Iterator[Record]:
-        """Yield all records as they are in the file."""
-        found = list(self._file.records())
-        if found != self._records:
-            raise CheckError(f"{self._file.path}: {len(found)} records are not those written")
-        return iter(found)
-
-    def commit(self, serial: int) -> Commit:
-        """Return the commit of this serial number, from 1."""
-        return self._file.commit(serial)
-
-    def _cut(self, left: int) -> None:
-        super()._cut(left)
-        begin, end = self._ends[left : left + 2]
-        del self._ends[left + 1 :]
-        with self._file.path.open("r+b") as file:
-            file.truncate(begin + (end - begin) // 2)
-
-    def again(self) -> SimulatedJournal:
-        """Open the file again, for the next keeper."""
-        self.close()
-        self._opened = replace(self._opened, incarnation=self._opened.incarnation + 1)
-        self._file = FileJournal(self._file.path, self._opened)
-        return self
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.__exit__()
+        return True
 
 
 FETCH_S = 0.5
@@ -186,7 +146,8 @@ class Watch:
     def tick(self) -> list[Effect]:
         """Fetch what is new."""
         self.ticks += 1
-        fetches = [CommitQuery(keeper, serial) for keeper, serial in self._known.items()]
+        # It never loses anything.
+        fetches = [CommitQuery(keeper, serial, serial) for keeper, serial in self._known.items()]
         puts = [Put(free_key(self._run, fetch), encode(fetch)) for fetch in fetches]
         return [*puts, Timer(FETCH_S)]
 
@@ -200,7 +161,8 @@ _STEPS_MAX = 400_000
 _ON_US, _REST_US = 240 * SECOND_US, 120 * SECOND_US
 """How long a run may take after its faults, and until it is at rest."""
 _STUCK_US = 20 * SECOND_US
-"""Where dead modules may be in the way, a run that stands still for this long is blocked."""
+"""Where the goal may be out of reach, a run that stands still for this long is blocked."""
+_ROUNDS_MAX = 3000
 _JITTER = 0.5
 
 Phase = Literal["faults", "on", "rest"]
@@ -237,11 +199,6 @@ class FreeSimulatedRun:
         return "failure" if self.failure is not None else self.came_to
 
 
-def host_names(scenario: FreeScenario) -> list[str]:
-    """Return the names of the module processes."""
-    return [process_name(number) for number in range(scenario.processes)]
-
-
 def keeper_names(scenario: FreeScenario) -> list[str]:
     """Return the names of the keepers."""
     return [keeper_name(number) for number in range(scenario.keepers)]
@@ -259,9 +216,8 @@ def free_simulate(
 
     `fault_seed` is that of the small differences between delays.
     """
-    with ExitStack() as stack:
-        run = _Run(scenario, faults, fault_seed, trace, make, stack)
-        failure = run.play()
+    run = _Run(scenario, faults, fault_seed, trace, make)
+    failure = run.play()
     network = run.network
     return FreeSimulatedRun(
         scenario=scenario,
@@ -280,17 +236,17 @@ def free_simulate(
 class _Run:
     """A run in progress."""
 
-    def __init__(  # noqa: PLR0917 - what `free_simulate` is given
+    def __init__(
         self,
         scenario: FreeScenario,
         faults: Faults,
         fault_seed: int,
         trace: Trace | None,
         make: MakeKeeper,
-        stack: ExitStack,
     ) -> None:
         self.scenario = scenario
         self.scene = scenario.scene
+        self._to_goal = scenario.to_goal
         self.came_to: FreeOutcome = "moves"
         self.oracle = Oracle(self.scene, scenario.keepers)
         self.messages = 0
@@ -301,28 +257,25 @@ class _Run:
         self._make = make
         self._tiles = Tiles(self.scene.system, scenario.keepers)
         self.network = SimulatedNetwork(
-            FaultsForAWhile(faults, lambda: self.phase != "faults"), fault_seed, trace
+            lambda where, nth: faults.at(where, nth) if self.phase == "faults" else None,
+            fault_seed,
+            trace,
+            scenario.hosts,
         )
         self._modules_of = dealt(self.scene, scenario.processes)
         self._incarnations = [0] * scenario.processes
         self._keepers: dict[str, KeeperNode] = {}
         self._hosts: dict[str, FreeHostNode] = {}
+        self._stay: set[int] = set()
+        """The modules whose rule attempted nothing when it was last asked."""
         self._written: list[int] = []
         """Keepers that have written to their journals in this step."""
-        self._journals = [self._journal(keeper, stack) for keeper in range(scenario.keepers)]
+        self._journals = [
+            SimulatedJournal(partial(self._written.append, keeper))
+            for keeper in range(scenario.keepers)
+        ]
         self._watch = Watch(RUN, scenario.keepers)
         self._add(faults)
-
-    def _journal(self, keeper: int, stack: ExitStack) -> SimulatedJournal:
-        def wrote() -> None:
-            self._written.append(keeper)
-
-        if not self.scenario.files:
-            return SimulatedJournal(wrote)
-        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="cubepath-simulated-"))
-        journal = SimulatedFile(wrote, Path(folder) / "journal")
-        stack.callback(journal.close)
-        return journal
 
     def _add(self, faults: Faults) -> None:
         network = self.network
@@ -331,15 +284,15 @@ class _Run:
         network.watch(self._through, self._after)
         for keeper, name in enumerate(keeper_names(self.scenario)):
             network.add(name, partial(self._keeper, keeper, name), tear=self._journals[keeper].tear)
-        for process, name in enumerate(host_names(self.scenario)):
-            late = faults.on_process(name + STARTS, 0)
+        for process, name in enumerate(process_names(self.scenario)):
+            late = faults.at(name + STARTS, 0)
             if late is not None:
                 network.fired.append(late)
             start_us = 0 if late is None else late.amount_us
             network.add(name, partial(self._host, process, name), start_us)
 
     def _keeper(self, keeper: int, name: str) -> Node:
-        journal = self._journals[keeper].again()
+        journal = self._journals[keeper]
         node = KeeperNode(
             self._make(keeper, self.scene, self._tiles, journal), RUN, self._modules_of
         )
@@ -396,12 +349,15 @@ class _Run:
         self._log()
         message = decode_free(put.data)
         if self.phase == "rest" and isinstance(message, Requests):
-            parts: list[Attempt | EnterRequest | Hold | TileQuery] = [
+            parts: list[Attempt | EnterRequest | TileQuery] = [
                 part for part in message.parts if not isinstance(part, Attempt)
             ]
             if len(parts) < len(message.parts):
                 return Put(put.key, encode(Requests(message.process, message.keeper, parts)))
-        self.oracle.said(message)
+        elif isinstance(message, Turns):
+            for turn in message.parts:
+                (self._stay.discard if turn.number else self._stay.add)(turn.module)
+        self.oracle.take(message)
         return put
 
     def _log(self) -> None:
@@ -414,7 +370,7 @@ class _Run:
         moves, now_us = self.oracle.state.moves, self.network.now_us
         if moves != self._moves:
             self._moves, self.moved_us, self._asked_us = moves, now_us, now_us
-            if self.scenario.to_goal and self.phase in ("faults", "on"):
+            if self._to_goal and self.phase in ("faults", "on"):
                 self._look_for_goal()
         if self.phase == "faults":
             if moves >= self.scenario.moves or now_us >= self.scenario.long_us:
@@ -435,7 +391,7 @@ class _Run:
 
     def _on(self) -> None:
         network = self.network
-        if not self.scenario.to_goal and self._moves - self._moves_then >= MORE_MOVES:
+        if not self._to_goal and self._moves - self._moves_then >= MORE_MOVES:
             self._begin("rest")
         elif network.now_us - max(self._asked_us, self._since_us) > _STUCK_US:
             self._asked_us = network.now_us  # it is not asked again at once
@@ -448,18 +404,28 @@ class _Run:
             )
 
     def _blocked(self) -> bool:
-        """Return whether nothing can move but for the dead, or to a goal that these keep from."""
+        """Return whether nothing can move but for the dead, or all others chose to stay.
+
+        To a goal: whether the dead keep from it, or the rule does not reach it in rounds either.
+        """
         gone = self.network.gone
-        if self.scenario.to_goal:
-            return bool(gone)
+        if self._to_goal:
+            return bool(gone) or not self._reaches
         system, on = self.scene.system, self.oracle.state.on
         return not any(
             move.possible(on)
-            for name, modules in zip(host_names(self.scenario), self._modules_of, strict=True)
+            for name, modules in zip(process_names(self.scenario), self._modules_of, strict=True)
             if name not in gone
             for module in modules
+            if module not in self._stay
             for move in system.moves_at(self.oracle.state.site[module])
         )
+
+    @cached_property
+    def _reaches(self) -> bool:
+        """Whether the rule reaches the goal in rounds; a leader may give up."""
+        rule = rule_named(self.scenario.rule, self.scene.system)
+        return play(self.scene, rule, seed=self.scenario.seed, max_rounds=_ROUNDS_MAX).reached
 
     # At rest.
 

@@ -49,7 +49,7 @@ class Liar:
         self._faults = faults
         self._counts = counts
         self._tell = tell
-        self._told: dict[bytes, list[Put]] = {}
+        self._versions: dict[bytes, list[Put]] = {}
         self._old: list[Put] = []
         self._silent: Counter[tuple[int, str, str]] = Counter()
         """By round, phase and region how many messages it keeps to itself, and does not count."""
@@ -70,24 +70,24 @@ class Liar:
         found: list[Effect] = []
         for effect in effects:
             if isinstance(effect, Put):
-                found += self._said(effect)
+                found += self._sent(effect)
             else:
                 found.append(effect)
         return found
 
-    def _said(self, put: Put) -> list[Put]:
-        known = self._told.get(put.data)
+    def _sent(self, put: Put) -> list[Put]:
+        known = self._versions.get(put.data)
         if known is None:
-            known = self._told[put.data] = self._first_said(put)
+            known = self._versions[put.data] = self._first_sent(put)
             self._old = [*self._old[-_OLD_MAX:], put]
         return known
 
-    def _first_said(self, put: Put) -> list[Put]:
+    def _first_sent(self, put: Put) -> list[Put]:
         message = self._without_the_silent(wire.decode(put.data))
         where = self._name + SAYS
         nth = self._counts[where]
         self._counts[where] += 1
-        fault = self._faults.on_saying(where, nth, possible_lies(message))
+        fault = self._faults.at(where, nth, possible_lies(message))
         if fault is None:
             return self._puts(message)
         random = Random(f"{where}/{nth}/{fault.kind}")  # noqa: S311 - not for secrets
@@ -138,30 +138,30 @@ class Liar:
     def _other(self, kind: str, message: wire.Message, random: Random) -> list[wire.Message] | None:
         match message:
             case wire.Bundle():
-                return self._other_said(kind, message, random)
+                return self._other_bundle(kind, message, random)
             case wire.Reports(parts=parts):
                 place = random.randrange(len(parts))
                 other = self._other_report(kind, parts[place], random)
                 return [replace(message, parts=_with(parts, place, other))]
-            case wire.Ready(sent=said) if kind == "lie-count":
-                region = random.choice([*said, "0"])
-                count = max(0, said.get(region, 0) + random.choice((-1, 1, 2)))
-                return [replace(message, sent={**said, region: count})]
+            case wire.Ready(sent=counts) if kind == "lie-count":
+                region = random.choice([*counts, "0"])
+                count = max(0, counts.get(region, 0) + random.choice((-1, 1, 2)))
+                return [replace(message, sent={**counts, region: count})]
             case _:
                 return None
 
-    def _other_said(
-        self, kind: str, said: wire.Bundle, random: Random
+    def _other_bundle(
+        self, kind: str, bundle: wire.Bundle, random: Random
     ) -> list[wire.Message] | None:
         if kind == "lie-silence":
-            self._silent[said.round, said.phase, said.region] += 1
+            self._silent[bundle.round, bundle.phase, bundle.region] += 1
             return []
-        parts = said.parts
+        parts = bundle.parts
         place = random.randrange(len(parts))
         if kind == "lie-part":
-            return [replace(said, parts=[*parts[:place], *parts[place + 1 :]])]
+            return [replace(bundle, parts=[*parts[:place], *parts[place + 1 :]])]
         other = self._other_part(kind, parts[place], random)
-        return [replace(said, parts=_with(parts, place, other))]
+        return [replace(bundle, parts=_with(parts, place, other))]
 
     def _other_part(self, kind: str, part: wire.Part, random: Random) -> wire.Part:  # noqa: PLR0911 - by kind
         match part, kind:

@@ -1,8 +1,9 @@
-"""A simulated wire: nodes in processes, one router, links with delays and faults, virtual time.
+"""A simulated wire: nodes in processes, routers, links with delays and faults, virtual time.
 
 One thread processes a heap of events, ordered by time and then by a number; nothing depends on the
 clock, a hash or the order of a set. A message travels from its sender to the router and from there
-to every listener but the sender. Links keep the order of messages unless a fault changes it.
+to every listener but the sender. Links keep the order of messages unless a fault changes it. With
+hosts, each has a router, and a partition is between hosts.
 
 Events are kept in order as a trace, from which pictures are drawn: the same seed gives the same
 trace.
@@ -14,7 +15,7 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import Any, Literal, TypeAlias
 
-from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US, SLOW_MESSAGES, Fault, Faults
+from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US, SLOW_MESSAGES, Fault
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
 
@@ -44,7 +45,7 @@ class Span:
 
     begin_us: int
     end_us: int | None
-    who: str
+    process: str
     kind: str
 
 
@@ -53,7 +54,7 @@ class Remark:
     """Something that a process did at one moment, as its end."""
 
     at_us: int
-    who: str
+    process: str
     text: str
 
 
@@ -78,10 +79,13 @@ EVERYTHING = "/**"
 CUTS = ("cut", "torn", "leave")
 """Faults that end a process after it has taken a message: before it has sent all that follows,
 before it has written all of it, or after both."""
-STANDING = ("pause", "slow", "stall")
-"""Faults that a process survives."""
+STANDING = ("pause", "slow", "stall", "jump", "twin")
+"""Faults that a process survives; after the last it has a successor."""
 
-Take: TypeAlias = Callable[[Any], list[Effect]]
+FaultAt: TypeAlias = "Callable[[str, int], Fault | None]"
+"""Returns the fault at a place and count, as `Faults.at`."""
+Take: TypeAlias = Callable[[Node], list[Effect]]
+"""What the node of a process does with what has come."""
 Tear: TypeAlias = Callable[[int], bool]
 """Undoes what a process has written in this step, from one record on, which a number decides;
 returns whether there was any."""
@@ -114,7 +118,7 @@ class SimulatedProcess:
     connected: bool = True
     life: int = 0
     """How often it has died: what was sent to it before is lost."""
-    inbox: deque[tuple[Take, Any]] = field(default_factory=deque)
+    inbox: deque[Take] = field(default_factory=deque)
     serving: bool = False
     free_us: int = 0
     slow_us: int = 0
@@ -127,13 +131,17 @@ class SimulatedProcess:
     """By direction the number of messages so far, and when the last of them arrives."""
     drags: dict[str, tuple[int, int]] = field(default_factory=dict)
     """By direction how many messages are still slow on the link, and how slow."""
+    host: int = 0
+    """The host whose router it is connected to."""
+    replaced: bool = False
+    """Whether another has taken its place while it slept: faults by its name are that one's."""
     declared_us: int = 0
     """When the last `Listen` or `Ignore` reaches the router."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen: that would take three times as long to make
 class _Letter:
-    """What is under way: from whom, since when, and in which life of the router."""
+    """What is under way: from whom, since when, and in which life of the sender's router."""
 
     sender: SimulatedProcess
     effect: Put | Listen | Ignore
@@ -144,8 +152,14 @@ class _Letter:
 class SimulatedNetwork:
     """Processes and the router between them; `run` carries out what happens, in order."""
 
-    def __init__(self, faults: Faults, seed: int, trace: Trace | None = None) -> None:
-        """Begin at time zero; the seed is that of the small differences between delays."""
+    def __init__(
+        self, faults: FaultAt, seed: int, trace: Trace | None = None, hosts: int = 0
+    ) -> None:
+        """Begin at time zero; the seed is that of the small differences between delays.
+
+        Processes are dealt to the hosts in turn. Without hosts there is one router, and a partition
+        may be between any processes.
+        """
         self.now_us = 0
         self.steps = 0
         self.fired: list[Fault] = []
@@ -163,15 +177,19 @@ class SimulatedNetwork:
         self._exact: dict[str, dict[int, None]] = {}
         self._below: dict[str, dict[int, None]] = {}
         self._routed = 0
-        self._router_up = True
-        self._router_life = 0
-        """How often the router has died: what was under way before is lost."""
+        self._hosts = hosts
+        self._router_lives = [0] * max(1, hosts)
+        """How often each router has died: what was under way before is lost."""
+        self._down: set[int] = set()
+        """The routers that are dead now."""
         self._died: Died | None = None
         self._routes: dict[str, tuple[int, ...]] = {}
         """By key who listens, as long as that does not change."""
         self._parted_us = 0
         """Until when some processes do not hear the others."""
-        self._sides: tuple[bool, ...] = ()
+        self._sides: list[bool] = []
+        """By host on which side of the partition it is; without hosts, by process."""
+        self._one_way = False
         self._through: Through | None = None
         self._after: Callable[[], None] | None = None
 
@@ -184,13 +202,21 @@ class SimulatedNetwork:
         self, name: str, make: Callable[[], Node], start_us: int = 0, *, tear: Tear | None = None
     ) -> None:
         """Add a process that starts at a time; the end of the first is the end of the run."""
-        process = SimulatedProcess(name, len(self._processes), make, make(), tear)
+        process = self._joined(name, make, make(), tear)
+        self._at(start_us, self._start, process, process.life)
+
+    def _joined(
+        self, name: str, make: Callable[[], Node], node: Node, tear: Tear | None = None
+    ) -> SimulatedProcess:
+        process = SimulatedProcess(name, len(self._processes), make, node, tear)
+        process.host = process.number % len(self._router_lives)
         self._processes.append(process)
         self._tables.append({})
-        self._at(start_us, self._start, process)
+        return process
 
-    def _start(self, process: SimulatedProcess) -> None:
-        self._take(process, lambda _: process.node.start(), None)
+    def _start(self, process: SimulatedProcess, life: int) -> None:
+        if life == process.life:  # it may have died, and come back, before it was to start
+            self._take(process, lambda node: node.start())
 
     def on_death(self, died: Died) -> None:
         """Notify the first process when another has died; those after it count from 0."""
@@ -204,7 +230,9 @@ class SimulatedNetwork:
     @property
     def away(self) -> list[str]:
         """Return the names of those that do."""
-        return [each.name for each in self._processes if not each.alive and not each.gone]
+        return [
+            each.name for each in self._processes if not (each.alive or each.gone or each.replaced)
+        ]
 
     def watch(self, through: Through, after: Callable[[], None]) -> None:
         """Let everything that is put go through a function, and call another after each event."""
@@ -245,8 +273,8 @@ class SimulatedNetwork:
 
     # Processes.
 
-    def _take(self, process: SimulatedProcess, take: Take, given: Any) -> None:
-        process.inbox.append((take, given))
+    def _take(self, process: SimulatedProcess, take: Take) -> None:
+        process.inbox.append(take)
         if not process.serving:
             process.serving = True
             self._at(max(self.now_us, process.free_us), self._serve, process, process.life)
@@ -259,26 +287,24 @@ class SimulatedNetwork:
             return
         nth = process.taken
         process.taken += 1
-        fault = self._faults.on_process(process.name, nth)
+        fault = None if process.replaced else self._faults(process.name, nth)
         cut = fault if fault is not None and fault.kind in CUTS else None
         if fault is not None and cut is None and self._strike(process, fault):
             return
-        take, given = process.inbox.popleft()
+        take = process.inbox.popleft()
         cost = SERVE_US
         if process.slow_left:
             process.slow_left -= 1
             cost = process.slow_us
         process.free_us = self.now_us + cost
-        self._act(process, take, given, cut)
+        self._act(process, take, cut)
         process.serving = process.alive and bool(process.inbox)
         if process.serving:
             self._at(process.free_us, self._serve, process, life)
 
-    def _act(
-        self, process: SimulatedProcess, take: Take, given: Any, cut: Fault | None = None
-    ) -> None:
+    def _act(self, process: SimulatedProcess, take: Take, cut: Fault | None = None) -> None:
         try:
-            effects = take(given)
+            effects = take(process.node)
         except CubepathError as error:
             self._end(process, error)
             return
@@ -356,7 +382,7 @@ class SimulatedNetwork:
             self._at(max(process.free_us, self.now_us + 1), self._tick, process, timer)
             return
         process.free_us = self.now_us + SERVE_US
-        self._act(process, lambda _: process.node.tick(), None)
+        self._act(process, lambda node: node.tick())
 
     def _end(self, process: SimulatedProcess, error: CubepathError | None) -> None:
         self._die(process)
@@ -374,7 +400,7 @@ class SimulatedNetwork:
     def _notice(self, number: int, error: CubepathError | None) -> None:
         died = self._died
         if died is not None:
-            self._take(self._processes[0], lambda _: died(number, error), None)
+            self._take(self._processes[0], lambda _: died(number, error))
 
     # Faults of processes and of the router.
 
@@ -384,19 +410,45 @@ class SimulatedNetwork:
             self._kill(process, fault)
             return True
         self.fired.append(fault)
+        if fault.kind == "jump":
+            self._span(process.name, fault, 0)
+            self._set_timer(process, 0.0)
+            return False
         if fault.kind == "slow":
             process.slow_us, process.slow_left = fault.amount_us, SLOW_MESSAGES
             self._span(process.name, fault, fault.amount_us * SLOW_MESSAGES)
             return False
-        process.free_us = self.now_us + fault.amount_us
         self._span(process.name, fault, fault.amount_us)
+        if fault.kind == "twin":
+            process = self._succeeded(process)
+            self._at(self.now_us + fault.amount_us, self._tick, process, process.timers)
+        process.free_us = self.now_us + fault.amount_us
         self._at(process.free_us, self._serve, process, process.life)
         return True
+
+    def _succeeded(self, process: SimulatedProcess) -> SimulatedProcess:
+        """Let a new node take a process's place; return the old one, which is still connected."""
+        old = self._joined(process.name, process.make, process.node)
+        old.host, old.connected = process.host, process.connected
+        old.serving = old.replaced = True
+        old.inbox, process.inbox = process.inbox, old.inbox
+        old.listening, process.listening = process.listening, old.listening
+        if old.connected:
+            for key in old.listening:
+                self._listen(old, key)
+        self._die(process)
+        self._come_back(process)
+        return old
 
     def _kill(self, process: SimulatedProcess, fault: Fault) -> None:
         """End a process; if the fault takes time, another one takes its place after that."""
         self.fired.append(fault)
+        self._end_for(process, fault)
+
+    def _end_for(self, process: SimulatedProcess, fault: Fault) -> None:
         self._die(process)
+        if process.replaced:
+            return
         if fault.amount_us:
             self._span(process.name, fault, fault.amount_us)
             self._at(self.now_us + fault.amount_us, self._come_back, process)
@@ -411,11 +463,11 @@ class SimulatedNetwork:
         except Exception as error:
             raise _node_error(process, error) from error
         process.alive = True
-        process.connected = self._router_up
+        process.connected = process.host not in self._down
         process.free_us = self.now_us
         how = "back without memory" if process.tear is None else "back from its journal"
         self._remark(process.name, how)
-        self._start(process)
+        self._start(process, process.life)
 
     def _die(self, process: SimulatedProcess) -> None:
         process.alive = process.serving = False
@@ -439,34 +491,48 @@ class SimulatedNetwork:
         return self._exact.setdefault(key, {})
 
     def _part(self, fault: Fault) -> None:
-        """Let no process of one side hear any of the other for a while; each side has some."""
-        self.fired.append(fault)
-        self._span(ROUTER, fault, fault.amount_us)
+        """Let one side not hear the other for a while, or neither; each side has some hosts."""
         self._parted_us = self.now_us + fault.amount_us
-        numbers = range(len(self._processes))
+        self._one_way = fault.kind == "one-way"
+        numbers = range(self._hosts or len(self._processes))
         sides = [self._noise(fault.nth, number) % 2 == 1 for number in numbers]
         if len({*sides}) == 1:
             alone = self._noise(fault.nth, fault.amount_us) % len(sides)
             sides[alone] = not sides[alone]
-        self._sides = tuple(sides)
+        self._sides = sides
+
+    def _parted(self, sender: SimulatedProcess, receiver: SimulatedProcess) -> bool:
+        one, other = (
+            self._sides[each.host if self._hosts else each.number % len(self._sides)]
+            for each in (sender, receiver)
+        )
+        return one != other and (one or not self._one_way)
 
     def _router_dies(self, fault: Fault) -> None:
-        self.fired.append(fault)
-        self._span(ROUTER, fault, fault.amount_us)
-        self._router_up = False
-        self._router_life += 1
+        router = self._noise(fault.nth, 1) % len(self._router_lives)
+        self._down.add(router)
+        self._router_lives[router] += 1
         for process in self._processes:
-            self._disconnect(process)
-        self._at(self.now_us + fault.amount_us, self._router_back)
+            if process.host == router:
+                self._disconnect(process)
+        self._at(self.now_us + fault.amount_us, self._router_back, router)
 
-    def _router_back(self) -> None:
-        self._router_up = True
+    def _router_back(self, router: int) -> None:
+        self._down.discard(router)
         for process in self._processes:
-            later = self._noise(process.number, self._routed) % RECONNECT_US
-            self._at(self.now_us + later, self._connect, process)
+            if process.host == router:
+                later = self._noise(process.number, self._routed) % RECONNECT_US
+                self._at(self.now_us + later, self._connect, process)
+
+    def _host_dies(self, fault: Fault) -> None:
+        """End all processes of a host, but the first of all, until they come back."""
+        host = self._noise(fault.nth, 1) % len(self._router_lives)
+        for process in self._processes[1:]:
+            if process.host == host and process.alive:
+                self._end_for(process, fault)
 
     def _connect(self, process: SimulatedProcess) -> None:
-        if process.alive and self._router_up and not process.connected:
+        if process.alive and process.host not in self._down and not process.connected:
             process.connected = True
             for key in process.listening:
                 self._listen(process, key)
@@ -481,7 +547,7 @@ class SimulatedNetwork:
 
     def _send(self, process: SimulatedProcess, effect: Put | Listen | Ignore, at_us: int) -> None:
         """Send an effect up to the router at a time, now or a little later."""
-        letter = _Letter(process, effect, at_us, self._router_life)
+        letter = _Letter(process, effect, at_us, self._router_lives[process.host])
         if not process.connected:
             self._arrow(letter, None, "lost")
             return
@@ -494,7 +560,7 @@ class SimulatedNetwork:
             self._at(reaches_us, self._reach_router, letter, fate)
 
     def _reach_router(self, letter: _Letter, fate: Fate) -> None:
-        if fate == "lost" or letter.router_life != self._router_life:
+        if fate == "lost" or letter.router_life != self._router_lives[letter.sender.host]:
             self._arrow(letter, None, "lost")
         elif isinstance(letter.effect, Put):
             self._route(letter, letter.effect, fate)
@@ -511,7 +577,7 @@ class SimulatedNetwork:
         nth, last = process.links.get(link, (0, 0))
         where = f"{process.name} {link}"
         noise = self._noise(2 * process.number + (link == "up"), nth) % HOP_US
-        fault = self._faults.on_hop(where, nth)
+        fault = None if process.replaced else self._faults(where, nth)
         kind = "" if fault is None else fault.kind
         if kind == "drag" and fault is not None:
             self.fired.append(fault)
@@ -553,26 +619,33 @@ class SimulatedNetwork:
         self._listeners(key)[process.number] = None
 
     def _route(self, letter: _Letter, put: Put, fate: Fate) -> None:
-        fault = self._faults.on_router(self._routed)
+        fault = self._faults(ROUTER, self._routed)
         self._routed += 1
-        if fault is not None and fault.kind == "partition":
-            self._part(fault)
-        elif fault is not None:
-            self._router_dies(fault)
-            self._arrow(letter, None, "lost")
-            return
+        if fault is not None:
+            self.fired.append(fault)
+            self._span(ROUTER, fault, fault.amount_us)
+            if fault.kind in ("partition", "one-way"):
+                self._part(fault)
+            elif fault.kind == "host":
+                self._host_dies(fault)
+            else:
+                self._router_dies(fault)
+            if letter.router_life != self._router_lives[letter.sender.host]:
+                self._arrow(letter, None, "lost")
+                return
         parted = self.now_us < self._parted_us
         own = letter.sender.number
         for number in self._listeners_to(put.key):
             if number == own:
                 continue
             receiver = self._processes[number]
-            if parted and self._sides[number] != self._sides[own]:
+            if parted and self._parted(letter.sender, receiver):
                 self._arrow(letter, receiver, "lost")
                 continue
             for time_us, way in self._ways(receiver, "down", self.now_us, plain=True):
-                told = fate if way == "arrived" else way
-                self._at(time_us, self._arrive, letter, receiver, receiver.life, told)
+                outcome = fate if way == "arrived" else way
+                lives = receiver.life, self._router_lives[receiver.host]
+                self._at(time_us, self._arrive, letter, receiver, lives, outcome)
 
     def _listeners_to(self, key: str) -> tuple[int, ...]:
         found = self._routes.get(key)
@@ -584,15 +657,16 @@ class SimulatedNetwork:
             found = self._routes[key] = tuple(sorted(listeners))
         return found
 
-    def _arrive(self, letter: _Letter, receiver: SimulatedProcess, life: int, fate: Fate) -> None:
-        gone = letter.router_life != self._router_life or receiver.life != life
-        if gone or fate == "lost":
+    def _arrive(
+        self, letter: _Letter, receiver: SimulatedProcess, lives: tuple[int, int], fate: Fate
+    ) -> None:
+        if fate == "lost" or lives != (receiver.life, self._router_lives[receiver.host]):
             self._arrow(letter, receiver, "lost")
             return
         self._arrow(letter, receiver, fate)
         if isinstance(letter.effect, Put):
             put = letter.effect
-            self._take(receiver, lambda _: receiver.node.receive(put.key, put.data), None)
+            self._take(receiver, lambda node: node.receive(put.key, put.data))
 
     # The trace.
 
@@ -604,14 +678,14 @@ class SimulatedNetwork:
             arrow = Arrow(*times, letter.sender.name, name, put.key, put.data, fate)
             self._trace.arrows.append(arrow)
 
-    def _span(self, who: str, fault: Fault, long_us: int | None) -> None:
+    def _span(self, process: str, fault: Fault, long_us: int | None) -> None:
         if self._trace is not None:
             end = None if long_us is None else self.now_us + long_us
-            self._trace.spans.append(Span(self.now_us, end, who, fault.kind))
+            self._trace.spans.append(Span(self.now_us, end, process, fault.kind))
 
-    def _remark(self, who: str, text: str) -> None:
+    def _remark(self, process: str, text: str) -> None:
         if self._trace is not None:
-            self._trace.remarks.append(Remark(self.now_us, who, text))
+            self._trace.remarks.append(Remark(self.now_us, process, text))
 
 
 def _node_error(process: SimulatedProcess, error: Exception) -> NodeError:

@@ -6,12 +6,12 @@ the free clock there are keepers as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import ceil, sqrt
 from random import Random
-from typing import Literal
+from typing import Literal, TypeVar
 
 from cubepath.agents.rules.registry import (
     find_rule,
@@ -38,6 +38,7 @@ _TO_GOAL, _TO_GOAL_LARGE = 1000, 150
 """The most rounds of a rule that moves towards one; not all runs get there."""
 _HESITATE = (0.0, 0.0, 0.1, 0.25, 0.5)
 
+_AnyScenario = TypeVar("_AnyScenario", "Scenario", "FreeScenario")
 Instance = Callable[[int, Random], str]
 """Returns the spec of a scene with about this many modules."""
 
@@ -93,6 +94,9 @@ INSTANCES: Mapping[str, Instance] = {
     ),
     "words": _word,
     "assembly": _assembly,
+    "sliding-cubes": lambda modules, _: f"sliding-cubes:n={max(modules, 2)}",
+    "pivoting-cubes": lambda modules, _: f"pivoting-cubes:n={max(modules, 2)}",
+    "rolling-dodecahedra": lambda modules, _: f"rolling-dodecahedra:n={max(modules, 2)}",
 }
 """For each family the scenes that are simulated; of another one its default scene is."""
 _ALWAYS_LARGE = frozenset(("arms",))
@@ -141,29 +145,41 @@ class Scenario:
 
     def smaller(self) -> list[Scenario]:
         """Return scenarios like this with fewer modules or processes, the smallest first."""
-        family, count = self.system.partition(":")[0], len(self.scene.start)
-        found: list[Scenario] = []
-        for modules in range(1, count) if family in INSTANCES else ():
-            try:
-                spec = INSTANCES[family](modules, Random(self.seed))  # noqa: S311 - not for secrets
-                scene = built(spec)
-                rule_named(self.rule, scene.system)
-            except InputError:
-                continue
-            if len(scene.start) < count and not scene.reached(scene.start):
-                processes = min(self.processes, len(scene.start))
-                found.append(replace(self, system=spec, processes=processes))
-        fewer = (replace(self, processes=number) for number in range(1, self.processes))
-        return [*found, *fewer]
+        return list(_smaller(self, INSTANCES, "lockstep"))
 
     def shorter(self, rounds: int) -> list[Scenario]:
         """Return scenarios like this with fewer rounds than a run had."""
-        numbers = sorted({1, 2, 3, rounds // 4, rounds // 2, rounds - 1, rounds})
-        return [replace(self, max_rounds=most) for most in numbers if 0 < most < self.max_rounds]
+        return [replace(self, max_rounds=most) for most in _fewer(rounds, self.max_rounds)]
 
     def plainer(self) -> list[Scenario]:
         """Return scenarios like this in which modules do not hesitate."""
         return [replace(self, hesitate=0.0)] if self.hesitate else []
+
+
+def _smaller(
+    scenario: _AnyScenario, instances: Mapping[str, Instance], clock: str
+) -> Iterator[_AnyScenario]:
+    """Yield the same with fewer modules, and then with fewer processes, the smallest first."""
+    family, count = scenario.system.partition(":")[0], len(scenario.scene.start)
+    for modules in range(1, count) if family in instances else ():
+        try:
+            spec = instances[family](modules, Random(scenario.seed))  # noqa: S311 - not for secrets
+            scene = built(spec)
+            rule_named(scenario.rule, scene.system, clock)
+        except InputError:
+            continue
+        if len(scene.start) < count and not scene.reached(scene.start):
+            processes = min(scenario.processes, len(scene.start))
+            yield replace(scenario, system=spec, processes=processes)
+    for processes in range(1, scenario.processes):
+        yield replace(scenario, processes=processes)
+
+
+def _fewer(done: int, most: int) -> list[int]:
+    """Return numbers that a run is tried with which has done so much of at most so much."""
+    return [
+        each for each in sorted({1, 2, 3, done // 4, done // 2, done - 1, done}) if 0 < each < most
+    ]
 
 
 @lru_cache(maxsize=256)
@@ -262,8 +278,7 @@ _FACTORS = (0.0, 0.0, 0.0, 1.0, 3.0, 10.0, 40.0)
 _MOVES, _LONG_S = (5, 40), (0.5, 20.0)
 """After how many moves, and how many seconds at most, there are no more faults."""
 _STRIPS = 0.6
-_FILES = 1 / 32
-"""How probable it is that keepers have their journals in files."""
+_HOSTS = (0, 0, 2, 3)
 
 
 def _free_vehicles(name: str) -> Instance:
@@ -298,11 +313,13 @@ class FreeScenario:
     """After this many moves there are no more faults."""
     long_us: int
     """After this time, too."""
-    files: bool
     seed: int
     ends_at_goal: bool | None = None
     """Whether the run ends at its goal, and else when its faults are over, as in an experiment;
     None if that follows from the rule, and whatever is left has to be done after the faults."""
+    hosts: int = 0
+    """On how many hosts it is, each with a router; 0: one router, and cuts between any processes.
+    """
 
     @property
     def scene(self) -> Scene:
@@ -320,30 +337,17 @@ class FreeScenario:
 
     def smaller(self) -> list[FreeScenario]:
         """Return scenarios like this with less in them, the smallest first."""
-        family, count = self.system.partition(":")[0], len(self.scene.start)
-        found: list[FreeScenario] = []
-        for modules in range(1, count) if family in FREE_INSTANCES else ():
-            try:
-                spec = FREE_INSTANCES[family](modules, Random(self.seed))  # noqa: S311 - not for secrets
-                scene = built(spec)
-                rule_named(self.rule, scene.system, "free")
-            except InputError:
-                continue
-            if len(scene.start) < count and not scene.reached(scene.start):
-                processes = min(self.processes, len(scene.start))
-                found.append(replace(self, system=spec, processes=processes))
-        found += (replace(self, processes=number) for number in range(1, self.processes))
-        return [*found, *(replace(self, keepers=number) for number in range(1, self.keepers))]
+        fewer = (replace(self, keepers=number) for number in range(1, self.keepers))
+        return [*_smaller(self, FREE_INSTANCES, "free"), *fewer]
 
     def shorter(self, moves: int) -> list[FreeScenario]:
         """Return scenarios like this with fewer moves under faults than a run had."""
-        numbers = sorted({1, 2, 3, moves // 4, moves // 2, moves - 1, moves})
-        return [replace(self, moves=most) for most in numbers if 0 < most < self.moves]
+        return [replace(self, moves=most) for most in _fewer(moves, self.moves)]
 
     def plainer(self) -> list[FreeScenario]:
         """Return scenarios like this with nothing that makes modules differ."""
-        plain = replace(self, hesitate=0.0, factors=(0.0,), files=False)
-        return [] if plain == self else [plain]
+        plain = replace(self, hesitate=0.0, factors=(0.0,))
+        return [each for each in (plain, replace(self, hosts=0)) if each != self]
 
 
 def free_scenario_of(seed: int, asked: ScenarioOptions) -> FreeScenario:
@@ -362,6 +366,6 @@ def free_scenario_of(seed: int, asked: ScenarioOptions) -> FreeScenario:
         factors=tuple(random.choice(_FACTORS) for _ in range(random.choice((1, 2, 5)))),
         moves=random.randint(*_MOVES),
         long_us=int(between(random, *_LONG_S) * SECOND_US),
-        files=random.random() < _FILES,
         seed=random.randrange(1 << 16),
+        hosts=random.choice(_HOSTS),
     )

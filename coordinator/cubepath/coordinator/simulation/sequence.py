@@ -35,6 +35,10 @@ _SPANS = {
     "return": ("#f6d5da", "crashed, comes back without memory"),
     "router": ("#f6d5da", "router down"),
     "partition": ("#fbeccb", "some do not hear the others"),
+    "one-way": ("#fbeccb", "some do not hear the others, who hear them"),
+    "host": ("#f6d5da", "its host down"),
+    "twin": ("#d9e4f5", "paused, and replaced meanwhile"),
+    "jump": ("#fbeccb", "its timer early"),
     "cut": ("#f6d5da", "killed before it had said all"),
     "torn": ("#f6d5da", "killed before it had written all"),
     "leave": ("#f6d5da", "left"),
@@ -102,7 +106,7 @@ def sequence_picture(
         )
     )
     lanes = {name: place for place, name in enumerate([*names, ROUTER])}
-    if not any(span.who == ROUTER for span in spans):
+    if not any(span.process == ROUTER for span in spans):
         del lanes[ROUTER]
     wide = _LEFT_IN + _RIGHT_IN + _WIDE_IN * (len(lanes) - 1) + 0.5
     high = _TOP_IN + 0.7 + _UNIT_IN * scale.heights[-1]
@@ -123,11 +127,11 @@ def sequence_picture(
         axes.text(lane, -0.35, name, color=_INK, **style)
     for span in spans:
         _draw_span(
-            axes, lanes[span.who], scale, (max(span.begin_us, first), span.end_us), span.kind
+            axes, lanes[span.process], scale, (max(span.begin_us, first), span.end_us), span.kind
         )
     _draw_arrows(axes, lanes, scale, arrows, label)
     for remark in remarks:
-        place = (lanes[remark.who] + 0.04, scale(remark.at_us))
+        place = (lanes[remark.process] + 0.04, scale(remark.at_us))
         text = remark.text if len(remark.text) <= 60 else remark.text[:57] + "..."
         axes.text(*place, text, fontsize=7.5, color=_LOST, va="top", zorder=5)
     _draw_times(axes, scale)

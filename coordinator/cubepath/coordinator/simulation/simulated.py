@@ -27,13 +27,14 @@ from cubepath.coordinator.runs.conductor import Conductor, RunEnd
 from cubepath.coordinator.simulation.faults import ENDING, LIES, SAYS, SECOND_US, Fault, Faults
 from cubepath.coordinator.simulation.liars import Liar
 from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
-from cubepath.coordinator.simulation.scenarios import Scenario
+from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
+from cubepath.protocol.wire.credentials import process_name
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Edges, Message, Refused, decode, encode
 from cubepath.protocol.wire.nodes import Effect, End, Keep, Node
@@ -173,9 +174,9 @@ def host_node(config: ProcessConfig, scene: Scene) -> Node:
     return HostNode(config, scene)
 
 
-def process_names(scenario: Scenario) -> list[str]:
+def process_names(scenario: Scenario | FreeScenario) -> list[str]:
     """Return the names of the module processes."""
-    return [f"process_{number}" for number in range(scenario.processes)]
+    return [process_name(number) for number in range(scenario.processes)]
 
 
 def simulate(
@@ -220,7 +221,7 @@ class _Run:
         self.scene = scenario.scene
         self.rule = rule_named(scenario.rule, self.scene.system)
         self.ending: RunEnd | None = None
-        self.network = SimulatedNetwork(faults, fault_seed, trace)
+        self.network = SimulatedNetwork(faults.at, fault_seed, trace)
         modules_of = dealt(self.scene, scenario.processes)
         self.conductor = Conductor(self.scene, max_rounds=scenario.max_rounds, record=self._result)
         self.conductor.know(modules_of, scenario.seed)
@@ -236,7 +237,7 @@ class _Run:
         self._modules_of = modules_of
         self._make = make
         self._faults = faults
-        self._said: Counter[str] = Counter()
+        self._sent: Counter[str] = Counter()
 
     def _record(self, data: bytes, message: Message) -> None:
         self._records.append(
@@ -324,7 +325,7 @@ class _Run:
             run=RUN,
             scene=self.scene,
             faults=self._faults,
-            counts=self._said,
+            counts=self._sent,
             tell=self.network.lied,
         )
 
@@ -368,8 +369,8 @@ class _Run:
         rounds = self.conductor.gatherer.rounds
         if (ending, rounds) == (expected, len(reference.rounds)):
             return None
-        after = f"{_told(ending)} after {rounds} rounds"
-        without = f"{_told(expected)} after {len(reference.rounds)}"
+        after = f"{_ending_text(ending)} after {rounds} rounds"
+        without = f"{_ending_text(expected)} after {len(reference.rounds)}"
         return Failure("outcome", f"{after}, without faults {without}")
 
     def _blamed(self, reference: Rollout) -> Failure | None:
@@ -446,7 +447,7 @@ def _end_of(reference: Rollout) -> RunEnd:
     return RunEnd("goal" if reference.reached else "max-rounds")
 
 
-def _told(ending: RunEnd | None) -> str:
+def _ending_text(ending: RunEnd | None) -> str:
     if ending is None:
         return "no end"
     return ending.ended + (f" ({ending.error})" if ending.error else "")

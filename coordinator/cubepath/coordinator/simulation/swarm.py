@@ -10,10 +10,10 @@ separate seeds.
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any, Generic, Protocol, Self, TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.coordinator.simulation.faults import (
@@ -29,7 +29,6 @@ from cubepath.coordinator.simulation.free_simulated import (
     FreeSimulatedRun,
     MakeKeeper,
     free_simulate,
-    host_names,
     keeper_names,
 )
 from cubepath.coordinator.simulation.network import Trace
@@ -53,7 +52,8 @@ from cubepath.coordinator.simulation.simulated import (
     simulate,
 )
 from cubepath.protocol.core.errors import CheckError, CubepathError
-from cubepath.protocol.recordings.writing import RecordingWriter
+from cubepath.protocol.core.garbage import collector_paused
+from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.free_messages import Forwards, Replies, Requests, decode_free, free_kind
 from cubepath.protocol.wire.messages import Bundle, Go, Ready, Retransmit, Waiting, decode, kind_of
 
@@ -63,108 +63,50 @@ _DRAWS = 12
 """How often faults are drawn anew for a scenario with fewer modules."""
 
 
-class Failed(Protocol):
-    """What did not hold of a run."""
-
-    @property
-    def kind(self) -> str:
-        """Return the kind by which failures are the same."""
-        ...
-
-
-class Shrinkable(Protocol):
-    """What a seed stands for."""
-
-    def smaller(self) -> Sequence[Self]:
-        """Return the same with fewer modules and processes, the smallest first."""
-        ...
-
-    def shorter(self, long: int) -> Sequence[Self]:
-        """Return the same with less to do than a run of this length did."""
-        ...
-
-    def plainer(self) -> Sequence[Self]:
-        """Return the same with fewer peculiarities."""
-        ...
-
-
-class ShrinkableRun(Protocol):
-    """A run that may have failed."""
-
-    @property
-    def scenario(self) -> Any:
-        """Return what it was of."""
-        ...
-
-    @property
-    def fired(self) -> tuple[Fault, ...]:
-        """Return the faults that came to pass."""
-        ...
-
-    @property
-    def failure(self) -> Failed | None:
-        """Return what did not hold, if anything."""
-        ...
-
-    @property
-    def long(self) -> int:
-        """Return how much it did, in rounds or moves."""
-        ...
-
-
-_Run = TypeVar("_Run", bound=ShrinkableRun)
-Play = Callable[[Any, Faults], _Run]
-"""Simulates a scenario under faults."""
-Draw = Callable[[Any, str], Faults]
-"""Draws faults for a scenario, from a text."""
-
-
-class _Shrinking(Generic[_Run]):
+class _Shrinking:
     """The smallest failing run so far, and how many more may be tried."""
 
-    def __init__(self, found: _Run, play: Play[_Run], draw: Draw) -> None:
-        self.best = found
+    def __init__(self, found: Any, seed: int, simulator: Any) -> None:
+        self.best = found  # it and its scenario are of the simulator's own kind
         self.left = _RUNS_MAX
-        self._play = play
-        self._draw = draw
+        self._seed = seed
+        self._simulator = simulator
 
-    def fails(self, scenario: Shrinkable, faults: Faults) -> bool:
+    def fails(self, scenario: Any, faults: Faults) -> bool:
         """Try a run; return whether it fails in the same way, and take it if it does."""
         if self.left == 0:
             return False
         self.left -= 1
-        tried = self._play(scenario, faults)
-        if (tried.failure and tried.failure.kind) != (self.best.failure and self.best.failure.kind):
+        tried = self._simulator.play(self._seed, scenario, faults)
+        if tried.failure is None or tried.failure.kind != self.best.failure.kind:
             return False
         self.best = tried
         return True
 
     def shorter(self) -> None:
-        for scenario in self.best.scenario.shorter(max(1, self.best.long)):
-            if self.fails(scenario, ListedFaults(self.best.fired)):
-                return
+        shorter = self.best.scenario.shorter(max(1, self.best.long))
+        any(self.fails(scenario, ListedFaults(self.best.fired)) for scenario in shorter)
 
     def plainer(self) -> None:
-        for scenario in self.best.scenario.plainer():
-            if self.fails(scenario, ListedFaults(self.best.fired)):
-                return
+        plainer = self.best.scenario.plainer()
+        any(self.fails(scenario, ListedFaults(self.best.fired)) for scenario in plainer)
 
     def fewer_modules(self) -> None:
         for scenario in self.best.scenario.smaller():
             if any(self.fails(scenario, faults) for faults in self._faults_for(scenario)):
                 return
 
-    def _faults_for(self, scenario: Shrinkable) -> Iterable[Faults]:
+    def _faults_for(self, scenario: Any) -> Iterable[Faults]:
         fired = self.best.fired
         yield ListedFaults(fired)
         for number in range(_DRAWS if fired else 0):
-            yield self._draw(scenario, f"{number}/smaller")
+            yield self._simulator.draw(self._seed, scenario, f"{number}/smaller")
 
     def fewer_faults(self) -> None:
         if self.best.fired and self.fails(self.best.scenario, ListedFaults(())):
             return
         for kind in sorted({fault.kind for fault in self.best.fired}):
-            self._without(kind)
+            self._keep([fault for fault in self.best.fired if fault.kind != kind])
         parts = 2
         while len(self.best.fired) > 1 and self.left:
             size = -(-len(self.best.fired) // parts)
@@ -177,9 +119,6 @@ class _Shrinking(Generic[_Run]):
         fired = self.best.fired
         if len(fired) > 1:
             any(self._keep([fault]) for fault in fired)
-
-    def _without(self, kind: str) -> bool:
-        return self._keep([fault for fault in self.best.fired if fault.kind != kind])
 
     def _drop(self, start: int, size: int) -> bool:
         return self._keep([*self.best.fired[:start], *self.best.fired[start + size :]])
@@ -195,11 +134,11 @@ class _Shrinking(Generic[_Run]):
         return False
 
 
-def shrunk(found: _Run, play: Play[_Run], draw: Draw) -> _Run:
-    """Return the smallest run found that fails in the same way as a failing run."""
+def shrunk(found: Any, seed: int, simulator: Any) -> Any:
+    """Return the smallest run found that fails in the same way as a failing run of a seed."""
     if found.failure is None:
         raise ValueError("a run that holds has nothing to shrink")
-    shrinking = _Shrinking(found, play, draw)
+    shrinking = _Shrinking(found, seed, simulator)
     while shrinking.left:
         before = shrinking.best
         shrinking.shorter()
@@ -251,37 +190,25 @@ class LockstepSwarm:
         """Return the names of the processes."""
         return [COORDINATOR, *process_names(scenario)]
 
-    def write(self, run: SimulatedRun, log: Path, why: str) -> bool:
-        """Write the recording of a run; return whether there is one."""
-        recording = run.recording
-        parameters = {**recording.parameters, "simulated": why}
-        with RecordingWriter(log, recording.scene, parameters) as writer:
-            for record in recording.records:
-                writer.write(
-                    record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
-                )
-        return True
-
-    def label(self, data: bytes) -> str:
+    @staticmethod
+    def label(data: bytes) -> str:
         """Return in a few words what a message is, for a picture."""
-        return label(data)
+        try:
+            message = decode(data)
+        except CubepathError:
+            return "no message"
+        match message:
+            case Go() | Ready() | Retransmit() | Waiting():
+                return f"{kind_of(message)} {message.round} {message.phase}"
+            case Bundle():
+                return f"{_kinds_text(message.parts)} to {message.region}"
+            case _:
+                return f"{kind_of(message)} {message.round}"
 
 
-def label(data: bytes) -> str:
-    """Return in a few words what a message is, for a picture."""
-    try:
-        message = decode(data)
-    except CubepathError:
-        return "no message"
-    match message:
-        case Go() | Ready() | Retransmit() | Waiting():
-            return f"{kind_of(message)} {message.round} {message.phase}"
-        case Bundle():
-            kinds = Counter(kind_of(part) for part in message.parts)
-            told = ", ".join(kind if n == 1 else f"{n} {kind}" for kind, n in kinds.items())
-            return f"{told} to {message.region}"
-        case _:
-            return f"{kind_of(message)} {message.round}"
+def _kinds_text(parts: Iterable[Any]) -> str:
+    kinds = Counter(part.__struct_config__.tag for part in parts)
+    return ", ".join(kind if n == 1 else f"{n} {kind}" for kind, n in kinds.items())
 
 
 WITHOUT_ROUNDS = ScenarioOptions(clock="free")
@@ -317,23 +244,18 @@ class FreeSwarm:
     def draw(self, seed: int, scenario: FreeScenario, text: str) -> Faults:
         """Draw faults for a seed."""
         random = Random(f"{seed}/{text}")  # noqa: S311 - not for secrets
-        return FreeDrawnFaults(random, host_names(scenario), keeper_names(scenario))
+        return FreeDrawnFaults(random, COORDINATOR, process_names(scenario), keeper_names(scenario))
 
     def names(self, scenario: FreeScenario) -> list[str]:
         """Return the names of the processes."""
-        return [*host_names(scenario), *keeper_names(scenario), COORDINATOR]
+        return [*process_names(scenario), *keeper_names(scenario), COORDINATOR]
 
-    def write(self, _run: FreeSimulatedRun, log: Path, _why: str) -> bool:
-        """Write no recording, only make the folder: the messages are in the picture."""
-        log.parent.mkdir(parents=True, exist_ok=True)
-        return False
-
-    def label(self, data: bytes) -> str:
+    @staticmethod
+    def label(data: bytes) -> str:
         """Return in a few words what a message is, for a picture."""
         message = decode_free(data)
         if isinstance(message, Requests | Forwards | Replies):
-            kinds = Counter(part.__struct_config__.tag for part in message.parts)
-            return ", ".join(f"{kind}" if n == 1 else f"{n} {kind}" for kind, n in kinds.items())
+            return _kinds_text(message.parts)
         return free_kind(message)
 
 
@@ -361,9 +283,8 @@ class KeptRun:
 
     def document(self) -> dict[str, Any]:
         """Return the keys of an entry of ``failed`` of ``cubepath simulate --json``."""
-        found = {key: getattr(self, key) for key in self.__slots__ if key not in ("unit", "long")}
-        found |= {"pictures": list(self.pictures), "faults": list(self.faults)}
-        return found | {self.unit: self.long}
+        found = asdict(self)
+        return found | {found.pop("unit"): found.pop("long")}
 
 
 @dataclass(slots=True)
@@ -422,28 +343,17 @@ def simulate_seeds(
     """
     simulator: Any = tally.simulator  # its runs are of its own kind
     for seed in seeds:
-        found = simulator.run_of(seed)
+        with collector_paused():
+            found = simulator.run_of(seed)
         tally.add(found)
         if found.failure is None:
             yield None
             continue
         if failing is not None:
             failing(seed)
-        kept = keep(small(found, seed, simulator), seed, folder, simulator)
+        kept = keep(shrunk(found, seed, simulator), seed, folder, simulator)
         tally.failed.append(kept)
         yield kept
-
-
-def small(found: Any, seed: int, simulator: Any) -> Any:
-    """Return the smallest run found that fails in the same way as a failing run of a seed."""
-
-    def play(scenario: Any, faults: Any) -> Any:
-        return simulator.play(seed, scenario, faults)
-
-    def draw(scenario: Any, text: str) -> Any:
-        return simulator.draw(seed, scenario, text)
-
-    return shrunk(found, play, draw)
 
 
 def command_of(seed: int, asked: ScenarioOptions) -> str:
@@ -460,7 +370,10 @@ def keep(run: Any, seed: int, folder: Path, simulator: Any) -> KeptRun:
         raise ValueError("a run that holds is not kept")
     log = _new_name(folder, f"simulated-{seed}")
     title = f"seed {seed}: {run.failure.detail}"
-    recorded = simulator.write(run, log, title)
+    folder.mkdir(parents=True, exist_ok=True)
+    recorded = isinstance(run, SimulatedRun)
+    if recorded:
+        copy_recording(run.recording, log, {"simulated": title})
     trace = Trace()
     simulator.play(seed, run.scenario, ListedFaults(run.fired), trace)
     # Not the name of the log alone: that is where `cubepath view` draws the states.

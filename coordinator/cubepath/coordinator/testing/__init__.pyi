@@ -10,13 +10,7 @@ from cubepath.coordinator.testing.log import (
     ExecutedMove as ExecutedMove,
     RunLog as RunLog,
 )
-from cubepath.coordinator.testing.replaying import (
-    Listener as Listener,
-    live_modules as live_modules,
-    other_rule as other_rule,
-    replay_into as replay_into,
-    replay_into_node as replay_into_node,
-)
+from cubepath.coordinator.testing.replaying import Listener as Listener
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule
 from cubepath.coordinator.testing.run_under_test import RunUnderTest as RunUnderTest
 from cubepath.coordinator.testing.strategies import (

@@ -1,6 +1,6 @@
 """Your commands in separate processes, which end with the test whatever happens.
 
-Each runs under a `ward`, which ends it together with everything it started.
+Each runs under a `subreaper`, which ends it together with everything it started.
 """
 
 import contextlib
@@ -13,12 +13,12 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import islice
+from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import IO, Any, Self
 
-from cubepath.coordinator.testing import ward
+from cubepath.coordinator.testing import subreaper
 from cubepath.coordinator.testing.wire_messages import short
 from cubepath.protocol.core.errors import CheckError, InputError
 
@@ -31,15 +31,17 @@ LINE_BYTES_MAX = 1 << 13
 """A longer line is kept as several."""
 
 
-def new_ward(command: Sequence[str] = (), **options: Any) -> tuple[subprocess.Popen[bytes], int]:
-    """Start a ward; return it and the descriptor at which it tells the process id of the command.
+def new_subreaper(
+    command: Sequence[str] = (), **options: Any
+) -> tuple[subprocess.Popen[bytes], int]:
+    """Start a subreaper; return it and the descriptor on which it reports the command's process id.
 
     `options` are those of `subprocess.Popen`.
     """
     read, write = os.pipe()
     try:
         child: Any = subprocess.Popen(
-            [sys.executable, "-I", "-S", str(Path(ward.__file__)), str(write), *command],
+            [sys.executable, "-I", "-S", str(Path(subreaper.__file__)), str(write), *command],
             stdin=subprocess.PIPE,
             pass_fds=(write,),
             process_group=0,
@@ -54,11 +56,11 @@ def new_ward(command: Sequence[str] = (), **options: Any) -> tuple[subprocess.Po
 
 
 class Guard:
-    """A ward without a command: it ends everything it watches if this process is killed."""
+    """A subreaper without a command: it ends everything it watches if this process is killed."""
 
     def __init__(self) -> None:
         """Start it."""
-        self._ward, report = new_ward()
+        self._subreaper, report = new_subreaper()
         os.close(report)
 
     def watch(self, pid: int) -> None:
@@ -70,18 +72,18 @@ class Guard:
         self._tell(f"folder {path}")
 
     def _tell(self, line: str) -> None:
-        if self._ward.stdin is not None:
+        if self._subreaper.stdin is not None:
             with contextlib.suppress(OSError):
-                self._ward.stdin.write(line.encode() + b"\n")
-                self._ward.stdin.flush()
+                self._subreaper.stdin.write(line.encode() + b"\n")
+                self._subreaper.stdin.flush()
 
     def close(self) -> None:
         """Tell it that all is well, and wait for its end."""
         self._tell("over")
-        if self._ward.stdin is not None:
+        if self._subreaper.stdin is not None:
             with contextlib.suppress(OSError):
-                self._ward.stdin.close()
-        _ended(self._ward, _END_S_MAX)
+                self._subreaper.stdin.close()
+        _ended(self._subreaper, _END_S_MAX)
 
 
 def check_command(command: object) -> list[str]:
@@ -98,23 +100,24 @@ def check_command(command: object) -> list[str]:
 
 
 class _Lines:
-    """The last lines of a stream, which are numbered from its beginning."""
+    """The last lines of a stream, each with its number from the beginning of it."""
 
     def __init__(self) -> None:
-        self.kept: deque[str] = deque(maxlen=LINES_MAX)
+        self.kept: deque[tuple[int, str]] = deque(maxlen=LINES_MAX)
         self.count = 0
         self.found = 0
         """The number behind the line that was found last."""
 
     def add(self, line: str) -> None:
-        self.kept.append(line)
+        self.kept.append((self.count, line))
         self.count += 1
 
-    def since(self, number: int) -> Iterator[tuple[int, str]]:
-        """Yield the lines from a number on that are still there, each with its number."""
-        first = self.count - len(self.kept)
-        begin = max(number, first)
-        return enumerate(islice(self.kept, begin - first, None), begin)
+    def since(self, number: int) -> list[tuple[int, str]]:
+        """Return the lines from a number on that are still there."""
+        return list(takewhile(lambda each: each[0] >= number, reversed(self.kept)))[::-1]
+
+    def __str__(self) -> str:
+        return "\n".join(line for _, line in self.kept)
 
 
 class Command:
@@ -145,9 +148,9 @@ class Command:
             raise InputError("command: is empty, expected a program and its arguments")
         self.arguments = arguments
         self.name = name or Path(arguments[0]).name
-        self._told = threading.Condition()
+        self._changed = threading.Condition()
         self._lines = {"out": _Lines(), "err": _Lines()}
-        self._ward, report = new_ward(
+        self._subreaper, report = new_subreaper(
             arguments,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -168,37 +171,37 @@ class Command:
 
     def _begin(self, report: int) -> None:
         """Read what it says, and wait for its process id."""
-        with os.fdopen(report) as told:
-            for kind, stream in (("out", self._ward.stdout), ("err", self._ward.stderr)):
+        with os.fdopen(report) as started:
+            for kind, stream in (("out", self._subreaper.stdout), ("err", self._subreaper.stderr)):
                 reader = threading.Thread(target=self._read, args=(kind, stream), daemon=True)
                 reader.start()
                 self._readers.append(reader)
-            line = told.readline()
+            line = started.readline()
         self.pid = int(line) if line else 0
 
     def _read(self, kind: str, stream: IO[bytes]) -> None:
         with stream:
             while line := stream.readline(LINE_BYTES_MAX):
-                with self._told:
+                with self._changed:
                     self._lines[kind].add(line.decode(errors="replace").rstrip("\n"))
-                    self._told.notify_all()
+                    self._changed.notify_all()
 
     @property
     def out(self) -> str:
         """Return what it has written to standard output so far, or the last lines of it."""
-        with self._told:
-            return "\n".join(self._lines["out"].kept)
+        with self._changed:
+            return str(self._lines["out"])
 
     @property
     def err(self) -> str:
         """Return what it has written to standard error so far, or the last lines of it."""
-        with self._told:
-            return "\n".join(self._lines["err"].kept)
+        with self._changed:
+            return str(self._lines["err"])
 
     @property
     def returncode(self) -> int | None:
         """Return its exit code, or minus the signal that ended it; None as long as it runs."""
-        return self._ward.poll()
+        return self._subreaper.poll()
 
     def signal(self, number: int = signal.SIGKILL) -> None:
         """Send a signal to it and what it has started in its process group."""
@@ -212,7 +215,7 @@ class Command:
         printed instead if it ends or the time is over before.
         """
         deadline = time.monotonic() + timeout_s
-        with self._told:
+        with self._changed:
             at = {kind: lines.found if again else 0 for kind, lines in self._lines.items()}
             while True:
                 for kind, lines in self._lines.items():
@@ -228,13 +231,13 @@ class Command:
                     why = (
                         f"ended ({self.returncode})" if over else f"did not within {timeout_s:g} s"
                     )
-                    raise CheckError(f"{self.name} says {pattern!r}: it {why}; {self.told}")
-                self._told.wait(min(left, 0.1))
+                    raise CheckError(f"{self.name} says {pattern!r}: it {why}; {self.last_lines}")
+                self._changed.wait(min(left, 0.1))
 
     @property
-    def told(self) -> str:
+    def last_lines(self) -> str:
         """Return its last lines of each stream in one line."""
-        with self._told:
+        with self._changed:
             tails = {
                 kind: " | ".join(line for _, line in lines.since(lines.count - _LINES_SHOWN))
                 for kind, lines in self._lines.items()
@@ -244,10 +247,10 @@ class Command:
     def wait(self, timeout_s: float = 30.0) -> int:
         """Wait for its end; return its exit code. CheckError if it does not end within the time."""
         try:
-            code = self._ward.wait(timeout_s)
+            code = self._subreaper.wait(timeout_s)
         except subprocess.TimeoutExpired:
             raise CheckError(
-                f"{self.name} did not end within {timeout_s:g} s; {self.told}"
+                f"{self.name} did not end within {timeout_s:g} s; {self.last_lines}"
             ) from None
         for reader in self._readers:
             reader.join(_END_S_MAX)
@@ -255,10 +258,10 @@ class Command:
 
     def close(self) -> None:
         """End it, with all that it has started."""
-        if self._ward.stdin is not None:
+        if self._subreaper.stdin is not None:
             with contextlib.suppress(OSError):
-                self._ward.stdin.close()
-        _ended(self._ward, _END_S_MAX)
+                self._subreaper.stdin.close()
+        _ended(self._subreaper, _END_S_MAX)
         for reader in self._readers:
             reader.join(_END_S_MAX)
 
@@ -272,7 +275,7 @@ class Command:
 
 
 def _ended(child: subprocess.Popen[bytes], patience_s: float) -> None:
-    """Wait for the end of a ward, and kill it if it does not come."""
+    """Wait for the end of a subreaper, and kill it if it does not come."""
     try:
         child.wait(patience_s)
     except subprocess.TimeoutExpired:

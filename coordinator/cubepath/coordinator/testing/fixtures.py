@@ -3,54 +3,52 @@
 The plugin imports this when a fixture is used.
 """
 
-import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from inspect import signature
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cubepath.coordinator.runs.live import LiveReplay
+from cubepath.coordinator.runs.continuing import what_if
+from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
-from cubepath.coordinator.testing.checks import check_name
-from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.replaying import (
-    Listener,
-    live_modules,
-    other_rule,
-    replay_into,
-    replay_into_node,
-)
+from cubepath.coordinator.testing.log import RunLog, What, pattern_of
+from cubepath.coordinator.testing.replaying import Listener, on_wire
 from cubepath.coordinator.testing.run_under_test import CommandLine, RunUnderTest
 from cubepath.coordinator.testing.strategies import TrialResult, trial_of
-from cubepath.coordinator.testing.wire_messages import WireMessage
+from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.options import function, known_name
+from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.nodes import Effect, Node
 
+__tracebackhide__ = True  # pytest shows no frames of this module
 T = TypeVar("T")
 
 
 class RecordingFolder:
     """Where the recordings of a test go."""
 
-    def __init__(self, folder: Path, prefix: str = "") -> None:
-        """Put them into a folder; their names begin with a prefix."""
+    def __init__(self, folder: Path) -> None:
+        """Put them into a folder."""
         self._folder = folder
-        self._prefix = re.sub(r"[^\w.-]+", "-", prefix).strip("-")
-        self.all: list[Path] = []
+        self._taken: set[Path] = set()
+        self.kept: list[str] = []
+        """A line for each recording that is there whether its test fails or not."""
 
     def new(self, name: str) -> Path:
         """Return a path that is not taken: ``run.mcap``, ``run-2.mcap``."""
-        self._folder.mkdir(parents=True, exist_ok=True)
-        stem = f"{self._prefix}-{name}" if self._prefix else name
-        number = 1
-        while (path := self._path(stem, number)).exists() or path in self.all:
-            number += 1
-        self.all.append(path)
+        numbered = (self._folder / f"{name}-{number}.mcap" for number in count(2))
+        paths = chain([self._folder / f"{name}.mcap"], numbered)
+        path = next(each for each in paths if not each.exists() and each not in self._taken)
+        self._taken.add(path)
         return path
 
-    def _path(self, stem: str, number: int) -> Path:
-        return self._folder / f"{stem}{f'-{number}' if number > 1 else ''}.mcap"
+    def report_lines(self) -> list[str]:
+        """Return a line for each recording that was kept."""
+        return self.kept
 
 
 def marked(options: dict[str, Any]) -> dict[str, Any]:
@@ -58,7 +56,7 @@ def marked(options: dict[str, Any]) -> dict[str, Any]:
     takes = (signature(each).parameters for each in (RunUnderTest.__init__, Plan, trial_of))
     known = {"seeds"}.union(*takes) - {"self", "system", "rule", "options", "faults"}
     for name in options:
-        check_name("@pytest.mark.cubepath: ", name, sorted(known))
+        known_name("@pytest.mark.cubepath: ", name, sorted(known))
     return options
 
 
@@ -86,7 +84,6 @@ class RunFixture:
         The seed is that of the test, and the recording goes to its folder, unless a `Plan` or an
         argument says otherwise.
         """
-        __tracebackhide__ = True
         given: dict[str, Any] = {**self._defaults, "links": links, "commands": commands, **options}
         if isinstance(system, Plan) and "seed" not in options:
             del given["seed"]
@@ -100,7 +97,7 @@ class RunFixture:
         """End all runs."""
         self._resources.close()
 
-    def told(self) -> list[str]:
+    def report_lines(self) -> list[str]:
         """Return a line for each run: its recording, and how it stands."""
         found: list[str] = []
         for rig in self.rigs:
@@ -128,7 +125,6 @@ class SimulateFixture:
         self._places = places
         self._defaults = {key: each for key, each in (defaults or {}).items() if key in known}
         self._seed = int(self._defaults.pop("seed", seed))
-        self._told: list[str] = []
 
     def __call__(
         self,
@@ -145,22 +141,17 @@ class SimulateFixture:
         Unless `check` is False, AssertionError tells what does not hold of it. The recording of a
         run that fails is kept.
         """
-        __tracebackhide__ = True
         chosen = self._seed if seed is None else seed
         given: dict[str, Any] = {**self._defaults, **options}
         tried = trial_of(system, rule, faults=faults, seed=chosen, **given).play()
         if tried.run.failure is not None:
             with suppress(Exception):  # a run without rounds has none
                 path = self._places.new("simulated")
-                tried.write(path)
-                self._told.append(f"recording {path}: {system}, seed {chosen}, simulated")
+                copy_recording(tried.log.recording, path)
+                self._places.kept.append(f"recording {path}: {system}, seed {chosen}, simulated")
         if check:
             tried.assert_holds()
         return tried
-
-    def told(self) -> list[str]:
-        """Return a line for each recording that was kept."""
-        return self._told
 
 
 class ReplayFixture:
@@ -170,24 +161,45 @@ class ReplayFixture:
         """Wait this long for commands and for phases of runs by default."""
         self._timeout_s = timeout_s
         self._places = places
-        self._told: list[str] = []
         self._resources = ExitStack()
 
     def into(
         self,
         log: RunLog | Path | str,
         to: Callable[[WireMessage], T],
-        what: str = "",
+        what: What = "",
+        *,
+        run: str = "replayed",
         **pattern: Any,
     ) -> list[T]:
-        """Call a function with each message; as `replay_into`."""
-        return replay_into(_log(log), to, what, **pattern)
+        """Call a function with each message of a log, in its order; return what it returned.
+
+        The bytes are those of the recording, and the keys those of a run of this name. What the
+        coordinator found at the end was on no wire, and is left out. With `what` and the keys of
+        `Pattern`, messages are those that they mean.
+        """
+        function("to", to)
+        meant = pattern_of(what, **pattern)
+        return [
+            to(on_wire(each, run))
+            for each in _log(log).all_deliveries
+            if each.kind not in RESULTS and meant.holds(each)
+        ]
 
     def into_node(
-        self, log: RunLog | Path | str, node: Node, what: str = "", **pattern: Any
+        self, log: RunLog | Path | str, node: Node, what: What = "", **pattern: Any
     ) -> list[Effect]:
-        """Give each message to a node; as `replay_into_node`."""
-        return replay_into_node(_log(log), node, what, **pattern)
+        """Start a node, and give it each message as `into` does; return its effects in their order.
+
+        The node's timers are not waited for.
+        """
+        if not all(callable(getattr(node, name, None)) for name in ("start", "receive")):
+            raise InputError(f"node={node!r}: expected a node")
+        found = list(node.start())
+        self.into(
+            log, lambda seen: found.extend(node.receive(seen.key, seen.data)), what, **pattern
+        )
+        return found
 
     def to(self, log: RunLog | Path | str, command: CommandLine, **options: Any) -> Listener:
         """Start a command, replay to it on a wire, and return both; as `Listener`."""
@@ -195,31 +207,51 @@ class ReplayFixture:
         return self._resources.enter_context(Listener(_log(log), command, **given))
 
     def live(
-        self, log: RunLog | Path | str, modules: Iterable[int] | None = None, **options: Any
+        self,
+        log: RunLog | Path | str,
+        modules: Iterable[int] | None = None,
+        *,
+        diverging: bool = False,
+        **options: Any,
     ) -> LiveReplay:
-        """Try live modules against a log, up to the first divergence; as `live_modules`."""
-        __tracebackhide__ = True
-        return live_modules(_log(log), modules, **self._of_a_run(options))
+        """Replay a log with these modules live, by default all, and the others as recorded.
+
+        The options are those of `cubepath.coordinator.replay_live`, such as ``rule``.
+        AssertionError names the first divergence, or with `diverging` says that there was none.
+        """
+        found = replay_live(_log(log).recording, modules, **self._of_a_run(options))
+        if diverging and found.same:
+            raise AssertionError(f"no divergence in {found.rounds} rounds, expected one")
+        if not diverging and not found.same:
+            raise AssertionError(f"the same for {found.rounds} rounds, then {found.divergence}")
+        return found
 
     def what_if(
-        self, log: RunLog | Path | str, rule: str, *, from_round: int, **options: Any
+        self,
+        log: RunLog | Path | str,
+        rule: str,
+        *,
+        from_round: int,
+        failing: bool = False,
+        **options: Any,
     ) -> RunLog:
-        """Go on from a round with another rule, in a new run; as `other_rule`.
+        """Go on from a round of a log with another rule; return the log of the new run.
 
-        Its recording goes to the folder of the test by default.
+        The recording goes to the folder of the test unless there is a ``log``. The options are
+        those of `cubepath.coordinator.what_if`. AssertionError if the run fails, or if it does not
+        and is expected to (`failing`).
         """
-        __tracebackhide__ = True
         given = self._of_a_run(options)
-        path = given.setdefault("out", self._places.new("what-if"))
-        self._told.append(f"recording {path}: rule {rule} from round {from_round} on")
-        return other_rule(_log(log), rule, from_round=from_round, **given)
+        path = given.setdefault("log", self._places.new("what-if"))
+        self._places.kept.append(f"recording {path}: rule {rule} from round {from_round} on")
+        outcome = what_if(_log(log).recording, rule, from_round=from_round, **given)
+        if (outcome.ended == "failed") is not failing:
+            found = f"it ended: {outcome.ended}" if failing else outcome.error
+            raise AssertionError(f"rule {rule} from round {from_round} on: {found}")
+        return RunLog(outcome.recording())
 
     def _of_a_run(self, options: Mapping[str, Any]) -> dict[str, Any]:
         return {"patience": self._timeout_s, "processes": 2, **options}
-
-    def told(self) -> list[str]:
-        """Return a line for each recording that was made."""
-        return self._told
 
     def close(self) -> None:
         """End all commands."""

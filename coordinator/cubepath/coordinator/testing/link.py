@@ -149,7 +149,7 @@ class ProxyDirection:
     def _wait_s(self) -> float | None:
         """Return for how long nothing is due; None if nothing is before something comes."""
         if self.cut == "kept":
-            return None  # whoever heals it, wakes it
+            return None  # healing it wakes it
         due = [until for _, until, _ in self._behind]
         due += [each[0][0] for each in (self._line, self._late) if each]
         due += [rule.until for rule, _ in self._held.values() if rule.until is not None]
@@ -395,8 +395,8 @@ class LinkProxy:
     def cut(self, *, keep: bool = False) -> None:
         """Let nothing through in either direction.
 
-        Messages sent meanwhile are lost or, if kept, arrive when the link is healed. Who is alive,
-        and questions, are kept in both cases: neither side is notified that the link is cut.
+        Messages sent meanwhile are lost or, if kept, arrive when the link is healed. Signs of
+        life, and questions, are kept in both cases: neither side is notified that the link is cut.
         """
         self.up.cut = self.down.cut = "kept" if keep else "lost"
         for lane in (self.up, self.down):

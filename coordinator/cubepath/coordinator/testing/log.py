@@ -13,21 +13,22 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
-from cubepath.coordinator.testing.checks import check_name, check_whole
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.options import known_name, whole_number
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Attempt, Decision
 from cubepath.protocol.wire.messages import Claim, Report, encode
 
+__tracebackhide__ = True  # pytest shows no frames of this module
 Result: TypeAlias = Literal["granted", "lost", "unknown"]
 What: TypeAlias = "Pattern | str"
 """Which messages: a pattern, or a kind."""
@@ -166,7 +167,7 @@ class RunLog:
         self._check_module(found.module)
         if found.sender is not None and not _SPEAKER.fullmatch(found.sender):
             senders = {each.sender for each in self.all_deliveries}
-            check_name("sender=", found.sender, sorted(senders))
+            known_name("sender=", found.sender, sorted(senders))
         return [place for place, each in enumerate(self.all_deliveries) if found.holds(each)]
 
     # What was done.
@@ -193,9 +194,9 @@ class RunLog:
         """
         self._check_module(module)
         if round is not None:
-            check_whole("round", round)
+            whole_number("round", round, 0)
         if result is not None:
-            check_name("result=", result, get_args(Result))
+            known_name("result=", result, get_args(Result))
         found = self._attempts if self.free else self._claims
         return [
             each
@@ -209,13 +210,9 @@ class RunLog:
         """Return the claims that were granted."""
         return self.claims(module, result="granted")
 
-    def losses(self, module: int | None = None) -> list[ClaimOutcome]:
-        """Return the claims that were lost."""
-        return self.claims(module, result="lost")
-
     def _check_module(self, module: object) -> None:
         if module is not None:
-            check_whole("module", module, 0, len(self.scene.start) - 1)
+            whole_number("module", module, 0, len(self.scene.start) - 1)
 
     def _parts(self, *kinds: type[Any]) -> Iterator[Any]:
         for seen in self.all_deliveries:
@@ -264,7 +261,6 @@ class RunLog:
         what they should, and chose as their rule says. A rule in a file is asked again if `rules`
         has it, as FILE.py:NAME. AssertionError tells what fails, with the messages around it.
         """
-        __tracebackhide__ = True
         found = audit(self.recording, rules=rules) if rules else self.verification
         wrong = [check for check in found.checks if not check.ok]
         if not wrong:
@@ -272,11 +268,10 @@ class RunLog:
         lines = [f"{check.name}: {short(check.detail)}" for check in wrong[:_CHECKS_MAX]]
         more = len(wrong) - len(lines)
         lines += [f"and {more} more checks"] if more > 0 else []
-        self._fail("the log is not legal: " + "\n  ".join(lines), *self._told(wrong[0].detail))
+        self._fail("the log is not legal: " + "\n  ".join(lines), *self._places_in(wrong[0].detail))
 
     def assert_goal(self) -> None:
         """Check that the modules are at their goal at the end; AssertionError tells who is not."""
-        __tracebackhide__ = True
         if self.goal_reached:
             return
         goals = self.scene.goals or ((self.scene.goal,) if self.scene.goal else ())
@@ -296,7 +291,6 @@ class RunLog:
         AssertionError tells the first difference, where the runs part and why, and the first round
         that has other moves.
         """
-        __tracebackhide__ = True
         if not isinstance(other, RunLog):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"{other!r}: expected another Log")
         one, two = self.gathered, other.gathered
@@ -313,8 +307,8 @@ class RunLog:
         lines += _parting(self.recording, other.recording)
         if first is not None:
             for name, moves in (("first", mine), ("second", theirs)):
-                told = ", ".join(moves.get(first, ())) or "none"
-                lines.append(f"{self._unit} {first}, {name}: {short(told)}")
+                recorded = ", ".join(moves.get(first, ())) or "none"
+                lines.append(f"{self._unit} {first}, {name}: {short(recorded)}")
         self._fail("\n  ".join(lines), first)
 
     def assert_order(self, first: What, then: What) -> None:
@@ -323,7 +317,6 @@ class RunLog:
         AssertionError if either is missing, or if they come the other way round. See
         `all_deliveries` for what the order of a log means.
         """
-        __tracebackhide__ = True
         one, two = self.places(first), self.places(then)
         for what, found in ((first, one), (then, two)):
             if not found:
@@ -341,9 +334,8 @@ class RunLog:
         `expected` is a number, or a range that has it. AssertionError tells how many there are, and
         shows the first of them.
         """
-        __tracebackhide__ = True
         if not isinstance(expected, range):
-            check_whole("expected", expected)
+            whole_number("expected", expected, 0)
         found = self.count(what, **pattern)
         if isinstance(expected, range):
             holds, due = found in expected, f"{expected.start} to {expected.stop - 1}"
@@ -367,7 +359,6 @@ class RunLog:
 
         AssertionError lists what it did claim.
         """
-        __tracebackhide__ = True
         if self.claims(module, round, result):
             return
         own = [
@@ -376,8 +367,8 @@ class RunLog:
         ]
         asked = f" in {self._unit} {round}" if round is not None else ""
         asked += f" that was {result}" if result is not None else ""
-        told = short("; ".join(own)) if own else "it made none"
-        self._fail(f"module_{module} made no claim{asked}: {told}", round, module)
+        claims = short("; ".join(own)) if own else "it made none"
+        self._fail(f"module_{module} made no claim{asked}: {claims}", round, module)
 
     # The text of a failure.
 
@@ -385,7 +376,7 @@ class RunLog:
     def _unit(self) -> str:
         return "level" if self.free else "round"
 
-    def _told(self, detail: str) -> tuple[int | None, int | None, int | None]:
+    def _places_in(self, detail: str) -> tuple[int | None, int | None, int | None]:
         """Return the round, the module and the message that a line names."""
         found = (each.search(detail) for each in (_ROUND, _MODULE, _MESSAGE))
         at, module, message = (int(each[1]) if each is not None else None for each in found)
@@ -400,7 +391,6 @@ class RunLog:
         also: int | None = None,
     ) -> NoReturn:
         """Raise AssertionError with the messages around a place, or of a round and a module."""
-        __tracebackhide__ = True
         everything = self.all_deliveries
         marked = [each for each in (place, also) if each is not None]
         title = "the messages around it"
@@ -411,8 +401,8 @@ class RunLog:
             title += "" if module is None else f" of module_{module}"
         if marked:
             raise AssertionError(f"{line}\n{table(everything, marked, title)}")
-        said = [each for each in everything if each.kind not in RESULTS]
-        raise AssertionError(f"{line}\n{table(said, title='the last messages')}")
+        messages = [each for each in everything if each.kind not in RESULTS]
+        raise AssertionError(f"{line}\n{table(messages, title='the last messages')}")
 
 
 def pattern_of(what: What = "", **pattern: Any) -> Pattern:
@@ -421,7 +411,7 @@ def pattern_of(what: What = "", **pattern: Any) -> Pattern:
     InputError for what is neither, and for other keys.
     """
     for key in pattern:
-        check_name("", key, Pattern.__slots__)
+        known_name("", key, Pattern.__slots__)
     if isinstance(what, Pattern):
         return replace(what, **pattern)
     if not isinstance(what, str):  # pyright: ignore[reportUnnecessaryIsInstance]

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Generator, Iterator
 from contextlib import suppress
 from itertools import islice, pairwise
-from pathlib import Path
 from traceback import format_exception
 from typing import TYPE_CHECKING, Any
 
@@ -48,11 +47,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--cubepath-timeout",
         metavar="SECONDS",
         help="how long runs under test are waited for, unless a test says otherwise (30)",
-    )
-    group.addoption(
-        "--cubepath-logs",
-        metavar="DIR",
-        help="where recordings go, instead of the tmp_path of their tests",
     )
     parser.addini("cubepath_seeds", "as --cubepath-seeds", default="")
     parser.addini("cubepath_timeout", "as --cubepath-timeout", default="")
@@ -93,18 +87,13 @@ def seeds_given(given: Any) -> list[int]:
 
     UsageError if they are none of these.
     """
-    seeds: list[Any] = []
     with suppress(pytest.UsageError, TypeError):
         if isinstance(given, int | str):
-            seeds = seeds_in(str(given))
-        else:
-            seeds = list(islice(given, SEEDS_MAX + 1))
-    whole = all(isinstance(seed, int) and type(seed) is not bool and seed >= 0 for seed in seeds)
-    if not (seeds and whole and len(seeds) <= SEEDS_MAX):
-        raise pytest.UsageError(
-            f"seeds={given}: expected seeds, as [1, 4, 7], range(5), 5 or '3..9'"
-        )
-    return seeds
+            return seeds_in(str(given))
+        seeds = list(islice(given, SEEDS_MAX + 1))
+        if 0 < len(seeds) <= SEEDS_MAX and all(type(each) is int and each >= 0 for each in seeds):
+            return seeds
+    raise pytest.UsageError(f"seeds={given}: expected seeds, as [1, 4, 7], range(5), 5 or '3..9'")
 
 
 def _seeds_asked(config: pytest.Config) -> list[int]:
@@ -142,9 +131,9 @@ def _marked_seeds(item: pytest.Item) -> list[int] | None:
     found: Any = None
     for marker in item.iter_markers(MARKER):
         if marker.args:
-            told = ", ".join(map(repr, marker.args))
+            arguments = ", ".join(map(repr, marker.args))
             raise pytest.Collector.CollectError(
-                f"{item.nodeid}: {MARKER}({told}): expected names, as clock='free'"
+                f"{item.nodeid}: {MARKER}({arguments}): expected names, as clock='free'"
             )
         found = marker.kwargs.get("seeds") if found is None else found
     try:
@@ -166,8 +155,8 @@ def _in_a_line(excinfo: pytest.ExceptionInfo[BaseException]) -> str:
     if _keeps_theirs(excinfo.value):
         return ""
     cause = excinfo.value.__cause__
-    told = [] if cause is None or cause.__traceback__ is None else format_exception(cause)
-    return "".join([*told, f"{excinfo.typename}: {excinfo.value}"])
+    traceback = [] if cause is None or cause.__traceback__ is None else format_exception(cause)
+    return "".join([*traceback, f"{excinfo.typename}: {excinfo.value}"])
 
 
 def _keeps_theirs(error: BaseException) -> bool:
@@ -199,7 +188,7 @@ def pytest_runtest_makereport(
     report = yield
     if report.failed:
         report.longrepr = line or report.longrepr
-        lines = [line for teller in item.stash.get(_TOLD, []) for line in teller.told()]
+        lines = [line for fixture in item.stash.get(_TOLD, []) for line in fixture.report_lines()]
         if lines:
             text = "\n".join(
                 [*lines, "to look at one: cubepath log info FILE, or cubepath view FILE"]
@@ -218,14 +207,13 @@ def cubepath_seed(request: pytest.FixtureRequest) -> int:
 def _cubepath_places(request: pytest.FixtureRequest) -> RecordingFolder:
     from cubepath.coordinator.testing.fixtures import RecordingFolder  # noqa: PLC0415 - only when asked for
 
-    logs = request.config.getoption("--cubepath-logs")
-    if logs:
-        return RecordingFolder(Path(logs), request.node.nodeid)
-    return RecordingFolder(request.getfixturevalue("tmp_path"))
+    found = RecordingFolder(request.getfixturevalue("tmp_path"))
+    _tell(request, found)
+    return found
 
 
-def _tell(request: pytest.FixtureRequest, teller: object) -> None:
-    request.node.stash.setdefault(_TOLD, []).append(teller)
+def _tell(request: pytest.FixtureRequest, fixture: object) -> None:
+    request.node.stash.setdefault(_TOLD, []).append(fixture)
 
 
 def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
@@ -262,9 +250,7 @@ def cubepath_simulate(
     """Return what simulates a run under faults and checks it: the arguments are of `trial_of`."""
     from cubepath.coordinator.testing.fixtures import SimulateFixture, marked  # noqa: PLC0415 - as above
 
-    found = SimulateFixture(_cubepath_places, cubepath_seed, marked(_marked(request)))
-    _tell(request, found)
-    return found
+    return SimulateFixture(_cubepath_places, cubepath_seed, marked(_marked(request)))
 
 
 @pytest.fixture
@@ -275,7 +261,6 @@ def cubepath_replay(
     from cubepath.coordinator.testing.fixtures import ReplayFixture  # noqa: PLC0415 - as above
 
     found = ReplayFixture(_timeout_s(request.config), _cubepath_places)
-    _tell(request, found)
     try:
         yield found
     finally:

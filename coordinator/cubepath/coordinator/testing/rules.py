@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
 
-from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole, is_number
 from cubepath.coordinator.testing.wire_messages import KNOWN, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.options import whole_number
+from cubepath.protocol.core.options import known_name, real_number, seconds, whole_number
 from cubepath.protocol.wire.keys import topic_in_key
 
 Action: TypeAlias = Literal["drop", "delay", "double", "hold", "reorder"]
@@ -23,6 +22,8 @@ Direction: TypeAlias = Literal["up", "down"]
 """From the process to the router, or from the router to the process."""
 PHASES = ("join", "sense", "observe", "claim", "settle", "over", "stop")
 """The phases of runs with rounds, in order."""
+SECONDS_MAX = 3600.0
+"""No time that a test gives is longer."""
 KEPT = 1000
 """The number of last messages that a rule remembers."""
 COPIES_MAX = 1 << 18
@@ -49,17 +50,17 @@ class Pattern:
     def __post_init__(self) -> None:
         """Check what is given; InputError tells what was expected, with the nearest name."""
         if self.kind is not None and self.kind not in KNOWN:
-            check_name("kind=", self.kind, sorted(KNOWN))
+            known_name("kind=", self.kind, sorted(KNOWN))
         if self.phase is not None:
-            check_name("phase=", self.phase, PHASES)
+            known_name("phase=", self.phase, PHASES)
         if self.round is not None and not isinstance(self.round, range):
-            check_whole("round", self.round)
+            whole_number("round", self.round, 0)
         if self.module is not None:
-            check_whole("module", self.module)
-        for name, who in (("sender", self.sender), ("to", self.to)):
-            sound = who is None or isinstance(who, str)  # pyright: ignore[reportUnnecessaryIsInstance]
-            if not sound or who == "":
-                raise InputError(f"{name}={who!r}: expected a name, as process_0")
+            whole_number("module", self.module, 0)
+        for name, process in (("sender", self.sender), ("to", self.to)):
+            sound = process is None or isinstance(process, str)  # pyright: ignore[reportUnnecessaryIsInstance]
+            if not sound or process == "":
+                raise InputError(f"{name}={process!r}: expected a name, as process_0")
         if not (self.where is None or callable(self.where)):
             raise InputError(f"where={self.where!r}: expected a function of a message")
 
@@ -96,8 +97,8 @@ class Pattern:
         given = {name: getattr(self, name) for name in self.__slots__}
         if self.where is not None:  # whatever it is, in one line
             given["where"] = getattr(self.where, "__name__", type(self.where).__name__)
-        told = (f"{name}={value}" for name, value in given.items() if value is not None)
-        return ", ".join(told) or "any message"
+        conditions = (f"{name}={value}" for name, value in given.items() if value is not None)
+        return ", ".join(conditions) or "any message"
 
 
 ANYTHING = Pattern()
@@ -124,7 +125,7 @@ class Rule:
     by: int = 1
     overtaken: bool = False
     """Whether later messages overtake one that is delayed; otherwise they wait behind it."""
-    told: frozenset[str] = frozenset()
+    upstream: frozenset[str] = frozenset()
     """Senders whose messages it meets at their source, and ignores on their way down."""
     count: int = 0
     """How many messages it met so far."""
@@ -139,21 +140,21 @@ class Rule:
 
     def __post_init__(self) -> None:
         """Check the numbers; InputError names the one that is out of bounds."""
-        check_name("action=", self.action, get_args(Action))
+        known_name("action=", self.action, get_args(Action))
         if not isinstance(self.pattern, Pattern):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"pattern={self.pattern!r}: expected a Pattern")
         whole_number("seed", self.seed)
         if self.times is not None:
-            check_whole("times", self.times, 1)
-        check_whole("after", self.after)
-        if not (is_number(self.probability) and 0.0 < self.probability <= 1.0):
+            whole_number("times", self.times, 1)
+        whole_number("after", self.after, 0)
+        if not 0.0 < real_number("probability", self.probability) <= 1.0:
             raise InputError(f"probability={self.probability}: expected more than 0, at most 1")
-        check_seconds("seconds", self.seconds)
-        check_whole("by", self.by, 1)
+        seconds("seconds", self.seconds, SECONDS_MAX)
+        whole_number("by", self.by, 1)
 
     def meets(self, seen: WireMessage, receiver: str = "") -> bool:
         """Return whether it meets a message that comes by, and count it."""
-        if not self.on or (receiver and seen.sender in self.told):
+        if not self.on or (receiver and seen.sender in self.upstream):
             return False
         if not self.pattern.holds(seen, receiver):
             return False
@@ -201,8 +202,8 @@ class Rule:
 
     def wait(self, times: int = 1, timeout_s: float = 30.0) -> None:
         """Wait until it has met this many messages; CheckError if it does not within the time."""
-        check_whole("times", times)
-        deadline = time.monotonic() + check_seconds("timeout_s", timeout_s)
+        whole_number("times", times, 0)
+        deadline = time.monotonic() + seconds("timeout_s", timeout_s, SECONDS_MAX)
         with self._changed:
             while self.count < times:
                 if not self._changed.wait(max(0.0, deadline - time.monotonic())):

@@ -24,18 +24,19 @@ from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.testing.checks import check_whole
 from cubepath.coordinator.testing.commands import Command, check_command, lives, stderr_of
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
-from cubepath.coordinator.testing.process_faults import ProcessFaults, Who
+from cubepath.coordinator.testing.process_faults import ProcessFaults
+from cubepath.coordinator.testing.wire import Target
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.options import seconds
+from cubepath.protocol.core.options import seconds, whole_number
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import GUEST, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
 from cubepath.protocol.wire.keys import key_of
 
+__tracebackhide__ = True  # pytest shows no frames of this module
 CommandLine: TypeAlias = "str | Sequence[str]"
 
 
@@ -97,11 +98,15 @@ class Joiners:
             code = command.returncode
             if code is not None:
                 command.wait()  # until all that it said is read
-                raise CheckError(f"{name} ended before it joined, exit code {code}; {command.told}")
+                raise CheckError(
+                    f"{name} ended before it joined, exit code {code}; {command.last_lines}"
+                )
         if time.monotonic() > self._deadline:
-            told = [f"{name}: {each.told}" for name, each in self.running.items()]
-            who = "; ".join(told) or "none was started"
-            raise CheckError(f"not within {self._timeout_s:g} s: the commands have joined; {who}")
+            processes = [f"{name}: {each.last_lines}" for name, each in self.running.items()]
+            outputs = "; ".join(processes) or "none was started"
+            raise CheckError(
+                f"not within {self._timeout_s:g} s: the commands have joined; {outputs}"
+            )
 
 
 TIMEOUT_S = 30.0
@@ -158,7 +163,7 @@ class RunUnderTest(ProcessFaults):
         self.run = start(system, rule, say=self._say, way=self.way, **options)
         self.run.check = self._joiners.check
         self.run.check_files(self._files)
-        self.said: list[str] = []
+        self.printed: list[str] = []
         """The lines that the run printed: where it listens, who is waited for, who died."""
         self.heard: deque[WireMessage] = deque(maxlen=HEARD_MAX)
         """The messages that were heard last."""
@@ -188,7 +193,7 @@ class RunUnderTest(ProcessFaults):
                 name: self.run.modules_of(self._process_of(name)) for name in self._known
             }
         except BaseException:
-            with suppress(Exception):  # what comes of that says less than why
+            with suppress(Exception):  # its errors say less than why
                 self.close()
             raise
         return self
@@ -236,7 +241,7 @@ class RunUnderTest(ProcessFaults):
     # Outgoing messages.
 
     def _say(self, line: str) -> None:
-        self.said.append(line)
+        self.printed.append(line)
         found = _LISTENS.search(line)
         if found is not None:
             endpoint = found[1]
@@ -278,9 +283,8 @@ class RunUnderTest(ProcessFaults):
     # How it continues.
 
     def step(self, count: int = 1, *, timeout_s: float | None = None) -> None:
-        """Play so many rounds, or listen until so many more moves; AssertionError if they fail."""
-        __tracebackhide__ = True
-        check_whole("count", count)
+        """Play `count` rounds, or listen until `count` more moves; AssertionError if they fail."""
+        whole_number("count", count, 0)
         enough = (self.run.status.moves if self.free else self.run.round) + count
         self.until(
             lambda rig: (rig.moves if rig.free else rig.round) >= enough, timeout_s=timeout_s
@@ -301,7 +305,6 @@ class RunUnderTest(ProcessFaults):
         AssertionError tells what was seen if the run ends before, a process dies that nobody has
         wounded, or the time is over: the last messages, and how each process is.
         """
-        __tracebackhide__ = True
         if callable(what):
             self._go_on(what, "what is awaited", timeout_s)
             return None
@@ -312,19 +315,16 @@ class RunUnderTest(ProcessFaults):
 
     def until_round(self, number: int, *, timeout_s: float | None = None) -> None:
         """Go on until a round is over, or a level is reached."""
-        __tracebackhide__ = True
-        check_whole("until_round", number)
+        whole_number("until_round", number, 0)
         self._go_on(lambda rig: rig.round >= number, f"{self._unit} {number}", timeout_s)
 
     def until_moves(self, number: int, *, timeout_s: float | None = None) -> None:
         """Go on until there are this many moves in all."""
-        __tracebackhide__ = True
-        check_whole("until_moves", number)
+        whole_number("until_moves", number, 0)
         self._go_on(lambda rig: rig.moves >= number, f"{number} moves", timeout_s)
 
     def until_goal(self, *, timeout_s: float | None = None) -> None:
         """Go on until the modules are at their goal, where most runs end."""
-        __tracebackhide__ = True
         self._go_on(lambda rig: rig.goal_reached, "the goal", timeout_s)
 
     def play(self, *, timeout_s: float | None = None, failing: bool = False) -> Outcome:
@@ -333,7 +333,6 @@ class RunUnderTest(ProcessFaults):
         AssertionError tells what was seen if the run fails (a process dies, a rule raises, nobody
         answers); with `failing`, if it does not. A run that ends away from its goal has not failed.
         """
-        __tracebackhide__ = True
         self._go_on(lambda rig: not rig.run.goes_on, "the end of the run", timeout_s)
         outcome = self.run.outcome
         if failing and outcome.ended != "failed":
@@ -345,7 +344,6 @@ class RunUnderTest(ProcessFaults):
     def _go_on(
         self, what: Callable[[RunUnderTest], object], name: str, timeout_s: float | None
     ) -> None:
-        __tracebackhide__ = True
         patience = seconds("timeout_s", self.timeout_s if timeout_s is None else timeout_s)
         end = time.monotonic() + patience
         why = ""
@@ -422,13 +420,12 @@ class RunUnderTest(ProcessFaults):
 
     # What is done to it.
 
-    def restart(self, who: Who) -> None:
+    def restart(self, target: Target) -> None:
         """Start a process again, in runs without rounds; one that lives is killed before.
 
         InputError in runs with rounds, which end when a process dies.
         """
-        __tracebackhide__ = True
-        name = self.name_of(who)
+        name = self.name_of(target)
         if not self.free:
             self.run.restart(name)
         before = self.pids.get(name)
@@ -452,8 +449,8 @@ class RunUnderTest(ProcessFaults):
             why = f": {short(self.outcome.error)}" if self.outcome.error else ""
             lines.append(f"the run has ended, {status.ended}{why}")
         lines += [self._about(name, pid) for name, pid in {**self._known, **self.pids}.items()]
-        said = [seen for seen in self.heard if seen.kind not in RESULTS]
-        lines.append(table(said, title="the last messages"))
+        messages = [seen for seen in self.heard if seen.kind not in RESULTS]
+        lines.append(table(messages, title="the last messages"))
         return "\n".join(lines)
 
     def _about(self, name: str, pid: int) -> str:
@@ -464,11 +461,10 @@ class RunUnderTest(ProcessFaults):
         modules = self._modules.get(name, ())
         whose = f", modules {', '.join(map(str, modules))}" if modules else ""
         cut = name in self.links and self.links[name].up.cut
-        told = f", its link is cut ({cut})" if cut else ""
+        link = f", its link is cut ({cut})" if cut else ""
         command = self.commands.get(name)
-        said = command.told if command is not None else stderr_of(pid) if is_there else ""
-        return f"{name}:{paused} {how}{whose}{told}" + (f"; {said}" if said else "")
+        output = command.last_lines if command is not None else stderr_of(pid) if is_there else ""
+        return f"{name}:{paused} {how}{whose}{link}" + (f"; {output}" if output else "")
 
     def _fail(self, line: str) -> NoReturn:
-        __tracebackhide__ = True
         raise AssertionError(f"{line}\n{self.seen()}")

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal, NoReturn, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from cubepath.coordinator.runs.plan import Plan, task_of
 from cubepath.coordinator.simulation.faults import (
@@ -28,17 +27,17 @@ from cubepath.coordinator.simulation.faults import (
 from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, free_simulate
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario, built
 from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, host_node, simulate
-from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.log import RunLog
+from cubepath.coordinator.testing.rules import SECONDS_MAX
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.options import whole_number
-from cubepath.protocol.recordings.writing import RecordingWriter
+from cubepath.protocol.core.options import known_name, seconds as checked_seconds, whole_number
 from cubepath.protocol.wire.credentials import COORDINATOR
 
+__tracebackhide__ = True  # pytest shows no frames of this module
 Clock: TypeAlias = Literal["lockstep", "free"]
-_ON_ROUTER = ("router", "partition")
-_LASTING = ("delay", "reorder", "drag", "pause", "slow", "stall", "late", "partition")
+_ON_ROUTER = ("router", "partition", "one-way", "host")
+_LASTING = ("delay", "reorder", "drag", "pause", "slow", "stall", "late", *_ON_ROUTER[1:])
 """The kinds that are nothing if they take no time."""
 _LONG_US = 20_000_000
 _FAULTS_SHOWN = 12
@@ -75,7 +74,6 @@ class Trial:
         fault ended it, and its log is legal. Without rounds: every invariant of keepers, and that
         the run continues after its faults.
         """
-        __tracebackhide__ = True
         tried = self.play(make)
         tried.assert_holds()
         return tried
@@ -94,19 +92,9 @@ class TrialResult:
         return self.run.fired
 
     @property
-    def outcome(self) -> str:
-        """Return how the run came out: "goal", "max-rounds", "moves", "crash", "failure" ..."""
-        return self.run.outcome
-
-    @property
     def goal_reached(self) -> bool:
         """Return whether the modules came to their goal."""
         return self.run.outcome == "goal"
-
-    @property
-    def seconds(self) -> float:
-        """Return the virtual time that it took."""
-        return self.run.seconds
 
     @property
     def log(self) -> RunLog:
@@ -115,29 +103,16 @@ class TrialResult:
             raise InputError("log: a simulated run without rounds keeps none, expected lockstep")
         return RunLog(self.run.recording)
 
-    def write(self, path: Path) -> None:
-        """Write the recording of a run with rounds to a new file; InputError for one without."""
-        recording = self.log.recording
-        with RecordingWriter(path, recording.scene, recording.parameters) as writer:
-            for each in recording.records:
-                writer.write(each.topic, each.data, round_number=each.round, wall_ns=each.wall_ns)
-
     def assert_holds(self) -> None:
         """Check that everything held; AssertionError tells what did not, and under which faults."""
-        __tracebackhide__ = True
-        failure = self.run.failure
+        failure, scenario = self.run.failure, self.trial.scenario
         if failure is None:
             return
-        self._fail(failure.detail)
-
-    def _fail(self, detail: str) -> NoReturn:
-        __tracebackhide__ = True
-        scenario = self.trial.scenario
         of = f"{scenario.processes} processes, hesitate {scenario.hesitate:g}"
         lines = [
-            short(detail),
+            short(failure.detail),
             f"system {scenario.system}, rule {scenario.rule}, seed {scenario.seed}, {of}",
-            *(f"fault: {_told(fault)}" for fault in self.fired[:_FAULTS_SHOWN]),
+            *(f"fault: {_fault_text(fault)}" for fault in self.fired[:_FAULTS_SHOWN]),
         ]
         if len(self.fired) > _FAULTS_SHOWN:
             lines.append(f"and {len(self.fired) - _FAULTS_SHOWN} more faults")
@@ -154,10 +129,9 @@ def fault(kind: str, where: str, nth: int = 0, seconds: float = 0.0) -> Fault:
     process by its name, ``coordinator`` and ``keeper_0`` included, or ``router``, before it takes
     that message. InputError for what is no fault of either clock.
     """
-    if kind not in KINDS:
-        check_name("fault ", kind, FREE_KINDS)
-    check_whole("nth", nth)
-    check_seconds("seconds", seconds)
+    known_name("fault ", kind, FREE_KINDS)
+    whole_number("nth", nth, 0)
+    checked_seconds("seconds", seconds, SECONDS_MAX)
     if not isinstance(where, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"fault {kind} at {where}: expected a name, as process_0")
     return Fault(where, nth, kind, round(seconds * SECOND_US))
@@ -177,7 +151,7 @@ def places(kind: str, clock: Clock, processes: int, keepers: int) -> list[str]:
         found = [name + STARTS for name in hosts]
     elif kind == "torn":
         found = kept
-    elif kind in ("leave", "crash"):
+    elif kind in ("leave", "crash", "twin"):
         found = hosts
     elif kind in ("return", "cut"):
         found = [*hosts, *kept]
@@ -189,12 +163,9 @@ def _check(fault: Fault, clock: Clock, processes: int, keepers: int) -> None:
     if not isinstance(fault, Fault):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"fault {fault}: expected one as fault('loss', 'process_0 up', 3)")
     kind, where = fault.kind, fault.where
-    if kind not in (known := FREE_KINDS if clock == "free" else KINDS):
-        check_name("fault ", kind, known)
+    known_name("fault ", kind, FREE_KINDS if clock == "free" else KINDS)
     there = places(kind, clock, processes, keepers)
-    if where not in there and there == [ROUTER]:
-        raise InputError(f"fault {kind} at {where}: expected it at {ROUTER}")
-    check_name(f"fault {kind} at ", where, there)
+    known_name(f"fault {kind} at ", where, there)
     if kind in _LASTING and fault.amount_us <= 0:
         raise InputError(f"fault {kind} at {where}: seconds=0, expected more")
 
@@ -242,7 +213,6 @@ def trial_of(
             factors=(0.0,),
             moves=moves,
             long_us=_LONG_US,
-            files=False,
             seed=seed,
         )
         return Trial(free, tuple(faults))
@@ -250,7 +220,7 @@ def trial_of(
     return Trial(scenario, tuple(faults))
 
 
-def _told(fault: Fault) -> str:
+def _fault_text(fault: Fault) -> str:
     long = f" for {fault.amount_us / 1e6:g} s" if fault.amount_us else ""
     return f"{fault.kind} at {fault.where}, number {fault.nth}{long}"
 
@@ -276,6 +246,9 @@ _LONGEST_US = {
     "late": 10_000_000,
     "leave": 15_000_000,
     "partition": 10_000_000,
+    "one-way": 10_000_000,
+    "host": 3_000_000,
+    "twin": 15_000_000,
     "stall": 30_000_000,
 }
 """How long a fault takes at most; of those that runs with rounds tolerate, a dozen together take
@@ -310,8 +283,7 @@ def faults(
         raise InputError(f"kinds={kinds!r}: expected kinds of faults, as ['loss']")
     chosen = usual if kinds is None else list(kinds)
     for kind in chosen:
-        if kind not in known:
-            raise InputError(f"fault {kind}: expected one of {', '.join(known)}")
+        known_name("fault ", kind, known)
     if not 0 <= most <= FAULTS_MAX:
         raise InputError(f"most={most}: expected 0 to {FAULTS_MAX}")
     one = st.sampled_from(chosen).flatmap(lambda kind: _fault(kind, clock, processes, keepers))
@@ -330,7 +302,7 @@ def _fault(kind: str, clock: Clock, processes: int, keepers: int) -> SearchStrat
     return st.builds(Fault, st.sampled_from(where), nth, st.just(kind), amounts)
 
 
-_TIMELESS = ("loss", "crash")
+_TIMELESS = ("loss", "crash", "jump")
 
 
 @st.composite

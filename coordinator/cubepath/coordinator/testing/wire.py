@@ -1,19 +1,21 @@
-"""The wire of a run under test: a link for each process, and the rules that hold on all of them."""
+"""The processes of a run under test, a link for each, and the rules that hold on all of them."""
 
 import re
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from cubepath.coordinator.testing.checks import check_name, check_seconds
-from cubepath.coordinator.testing.commands import Guard
+from cubepath.coordinator.runs.run import Run
+from cubepath.coordinator.testing.commands import Command, Guard
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import What, pattern_of
-from cubepath.coordinator.testing.rules import Action, Pattern, Rule
+from cubepath.coordinator.testing.rules import SECONDS_MAX, Action, Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import WireMessage
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.options import known_name, seconds as checked_seconds, whole_number
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, is_private
 
 _OF_RULES = ("times", "after", "probability", "seed")
@@ -25,6 +27,9 @@ _OF_ACTIONS: dict[Action, tuple[str, ...]] = {
 }
 """The other fields of each kind of rule."""
 _PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
+Target: TypeAlias = str | int
+"""A process by its name, or by the number of one of its modules."""
+_MODULE = re.compile(r"module_(\d+)")
 _REGION = re.compile(r"-?\d+(,-?\d+)*")
 
 
@@ -49,7 +54,10 @@ class PlannedFault:
 
 
 class Wire:
-    """Links by the names of their processes."""
+    """The processes of a run under test, ours and those of others, and their links, by name."""
+
+    run: Run
+    commands: dict[str, Command]
 
     def __init__(self, *, links: bool | Collection[str]) -> None:
         """Put links before all processes, none, or those of these names; InputError for others."""
@@ -59,6 +67,67 @@ class Wire:
         self._wanted = links
         self.links: dict[str, LinkProxy] = {}
         self._guard: Guard | None = None
+        self._known: dict[str, int] = {}
+        self._modules: dict[str, tuple[int, ...]] = {}
+
+    # The processes.
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Return the process ids by name, those of commands included; none of a run that ended.
+
+        One of the run's own that has died is there until the run has noticed.
+        """
+        found: dict[str, int] = {}
+        with suppress(CubepathError):
+            found = self.run.pids
+        return found | {
+            name: command.pid
+            for name, command in self.commands.items()
+            if command.returncode is None
+        }
+
+    def name_of(self, target: Target) -> str:
+        """Return the name of a process that is given by its name, or by one of its modules.
+
+        InputError for a name or a module that is not there.
+        """
+        found = _MODULE.fullmatch(target) if isinstance(target, str) else None
+        if isinstance(target, str) and found is None:
+            known = *self._known, *sorted(self._speakers - self._known.keys())
+            if not known:
+                raise InputError(f"{target}: there is none, the run has not begun or has ended")
+            return known_name("", target, known)
+        module = int(found[1]) if found is not None else target
+        self._check_module(module)
+        for name, modules in self._modules.items():
+            if module in modules:
+                return name
+        raise InputError(f"module_{module}: has no process of its own name, expected a name")
+
+    @property
+    def _speakers(self) -> set[str]:
+        return {link.speaks_as for link in self.links.values()}
+
+    def _check_module(self, module: object) -> None:
+        if module is not None:
+            whole_number("module", module, 0, len(self.run.scene.start) - 1)
+
+    def _check_speaker(self, sender: str) -> None:
+        known = {*self._known, *self._speakers, COORDINATOR} - {"router"}
+        known_name("sender=", sender, sorted(known))
+
+    def _is_region(self, name: str) -> bool:
+        """Return whether a name may be that of a region or a tile."""
+        scene = self.run.scene
+        regions = map(scene.system.region, (*scene.start, *(scene.goal or ())))
+        return _REGION.fullmatch(name) is not None or name in regions
+
+    def _named(self, target: str | int | None) -> str | None:
+        """Return the name of a process that is given by its name or one of its modules."""
+        if target is None or (isinstance(target, str) and _MODULE.fullmatch(target) is None):
+            return target
+        return self.name_of(target)
 
     @property
     def guard(self) -> Guard:
@@ -81,16 +150,16 @@ class Wire:
     def check_links(self, known: Collection[str]) -> None:
         """Check that there is a process for each link that was asked for; InputError if not."""
         for name in () if isinstance(self._wanted, bool) else self._wanted:
-            check_name("links: ", name, known)
+            known_name("links: ", name, known)
 
     def link_of(self, name: str) -> LinkProxy:
         """Return the link of a process; InputError if it has none."""
         for link in self.links.values():
             if name in (link.name, link.speaks_as):
                 return link
-        told = ", ".join(self.links) or "none"
+        names = ", ".join(self.links) or "none"
         near = did_you_mean(name, self.links)
-        raise InputError(f"{name}: has no link, the processes that have one: {told}{near}")
+        raise InputError(f"{name}: has no link, the processes that have one: {names}{near}")
 
     def drop(self, what: What = "", **options: Any) -> Rule:
         """Lose messages.
@@ -118,7 +187,7 @@ class Wire:
         With `seconds` it is released by itself, this long after the first message that it holds.
         """
         if seconds is not None:
-            if check_seconds("seconds", seconds) == 0:
+            if checked_seconds("seconds", seconds, SECONDS_MAX) == 0:
                 raise InputError("seconds=0: expected more than 0, or rule.release()")
             options["seconds"] = seconds
         return self._rule("hold", what, options)
@@ -132,7 +201,7 @@ class Wire:
         ours = {key: options.pop(key) for key in own if key in options}
         strange = options.keys() - set(Pattern.__slots__)
         if strange:
-            check_name("", min(strange), (*Pattern.__slots__, *own))
+            known_name("", min(strange), (*Pattern.__slots__, *own))
         for key in options.keys() & {"sender", "to"}:
             options[key] = self._named(options[key])
         pattern = pattern_of(what, **options)
@@ -151,25 +220,13 @@ class Wire:
             )
         if sender not in (None, COORDINATOR):
             self.link_of(str(sender))  # what it says is met there alone
-        told = frozenset(link.speaks_as for link in self.links.values())
-        rule = Rule(action=action, pattern=replace(pattern, sender=sender), told=told, **ours)
+        receivers = frozenset(link.speaks_as for link in self.links.values())
+        rule = Rule(
+            action=action, pattern=replace(pattern, sender=sender), upstream=receivers, **ours
+        )
         for link in self.links.values():
             link.add(rule)
         return rule
-
-    def _named(self, who: str | int | None) -> str | None:
-        """Return the name of a process that is given by its name or one of its modules."""
-        return None if who is None else str(who)
-
-    def _check_module(self, module: int | None) -> None:
-        """Check that there is a module of this number; InputError if not."""
-
-    def _check_speaker(self, sender: str) -> None:
-        """Check that there is one who speaks under a name; InputError if not."""
-
-    def _is_region(self, name: str) -> bool:
-        """Return whether a name may be that of a region or a tile."""
-        return _REGION.fullmatch(name) is not None
 
     def _speaks_as(self, name: str | None) -> str | None:
         """Return the name in keys of a process that is given by that of its link."""

@@ -19,8 +19,8 @@ _PHASES = {"reports": "settle", "observations": "observe", "actions": "observe"}
 RESULTS = ("edges", "cube", "certificate", "summary")
 """What the coordinator finds at the end, which no process sent."""
 PARTS = (
-    *("attempt", "enter", "hold", "tile_query", "forwarded", "decision", "inquiry", "settled"),
-    *("place", "entered", "held", "turn"),
+    *("attempt", "enter", "tile_query", "forwarded", "decision", "inquiry", "settled"),
+    *("place", "entered", "turn"),
 )
 """The kinds of parts, in runs without rounds."""
 KNOWN = frozenset((*wire.KINDS, *free_messages.FREE_KINDS, *PARTS))
@@ -58,7 +58,7 @@ class WireMessage:
 
     @property
     def sender(self) -> str:
-        """Who put it: ``process_0``, ``keeper_1`` or ``coordinator``; the end of its key."""
+        """The sender: ``process_0``, ``keeper_1`` or ``coordinator``; the end of its key."""
         return self.key.rpartition("/")[2]
 
     @cached_property
@@ -127,9 +127,9 @@ class WireMessage:
         for kind, module in self.parts:
             if kind != self.kind or module is not None:
                 kinds.setdefault(kind, []).append("" if module is None else str(module))
-        told = [" ".join([kind, ",".join(filter(None, of))]).strip() for kind, of in kinds.items()]
+        texts = [" ".join([kind, ",".join(filter(None, of))]).strip() for kind, of in kinds.items()]
         alone = _more_of(self.message) if len(self.parts) == 1 else ""
-        return "; ".join(told) + (f" {alone}" if alone else "")
+        return "; ".join(texts) + (f" {alone}" if alone else "")
 
 
 def _more_of(message: Any) -> str:
@@ -145,11 +145,11 @@ def _more_of(message: Any) -> str:
     if isinstance(getattr(part, "claim", None), str):
         found.append(part.claim)
     refused = getattr(part, "commit", part) is None
-    told = {
+    details = {
         "refused:" if refused else "reason": getattr(part, "reason", None),
         "ended": getattr(part, "ended", None),
     }
-    found += [f"{name} {what}" for name, what in told.items() if what is not None]
+    found += [f"{name} {what}" for name, what in details.items() if what is not None]
     return ", ".join(found)
 
 

@@ -120,12 +120,12 @@ def _distinct(supports: Supports) -> bool:
         return False
     for size in np.unique(sizes).tolist():
         which = (starts[:-1][sizes == size, np.newaxis] + np.arange(size)).astype(np.int64)
-        told = says[which]
+        rows = says[which]
         # The local state that has the least site on which the two differ is taken as the first.
-        least = np.argmax((told ^ told >> 1) & 1, axis=1)[:, np.newaxis]
-        turned = np.take_along_axis(told, least, axis=1) & 1 == 0
-        told = np.where(turned, told & ~3 | (told & 1) << 1 | (told & 2) >> 1, told)
-        found = np.ascontiguousarray(sites[which] << 4 | told)
+        least = np.argmax((rows ^ rows >> 1) & 1, axis=1)[:, np.newaxis]
+        turned = np.take_along_axis(rows, least, axis=1) & 1 == 0
+        rows = np.where(turned, rows & ~3 | (rows & 1) << 1 | (rows & 2) >> 1, rows)
+        found = np.ascontiguousarray(sites[which] << 4 | rows)
         if len(np.unique(found.view(f"V{found.itemsize * size}"))) < len(found):
             return False
     return True
@@ -261,18 +261,18 @@ def _carried(rows: SupportRows, numbers: Numbers, state: Bytes) -> bool:
         number = numbers[move]
         first = second = True
         for index in range(starts[number], starts[number + 1]):
-            said = says[index]
-            if said & FREE == 0:
+            local = says[index]
+            if local & FREE == 0:
                 on = state[sites[index]]
-                first = first and said & 1 == on
-                second = second and said >> 1 & 1 == on
+                first = first and local & 1 == on
+                second = second and local >> 1 & 1 == on
         if not (first or second):
             return False
         for pair in range(rows.guard_starts[number], rows.guard_starts[number + 1]):
             if state[rows.guards[pair, 0]] == 1 and state[rows.guards[pair, 1]] == 0:
                 return False
         for index in range(starts[number], starts[number + 1]):
-            said = says[index]
-            if said & FREE == 0:
-                state[sites[index]] = said >> 1 & 1 if first else said & 1
+            local = says[index]
+            if local & FREE == 0:
+                state[sites[index]] = local >> 1 & 1 if first else local & 1
     return True

@@ -116,12 +116,12 @@ def _end(
 def _told_end(end: Sequence[object] | None, state: set[Site]) -> str | None:
     if end is None:
         return 'it has no "end", expected one: what is on at the start is known'
-    told: set[Site] = set()
+    stated: set[Site] = set()
     for site in end:
-        if site in told:
+        if site in stated:
             return f"{site_text(site)} stands twice at the end"
-        told.add(site)
-    return f"{_stray(told ^ state)} is not at the end as it says" if told != state else None
+        stated.add(site)
+    return f"{_stray(stated ^ state)} is not at the end as it says" if stated != state else None
 
 
 def _carry_out(state: set[Site], steps: Iterable[tuple[str, Action]]) -> str | None:

@@ -33,7 +33,7 @@ class Moment(NamedTuple):
     """Where each module stands."""
     state: frozenset[Site]
     """What is on, occupied obstacles included."""
-    said: RecordedRound
+    recorded: RecordedRound
 
 
 class RoundPlayer(Protocol):
@@ -81,7 +81,7 @@ class Observing:
         place_of = self._system.place_of
         standing = {place_of(site): site for site in moment.sites}
         notes: dict[Site, list[int]] = {}
-        for message in moment.said.said.values():
+        for message in moment.recorded.messages.values():
             if isinstance(message, Note) and is_note(message.note, note_length):
                 notes[place_of(moment.sites[message.module])] = message.note
         return (standing, moment.state), notes

@@ -169,10 +169,10 @@ def remaining(path: _Numbers, names: Numbered) -> NDArray[np.bool_]:
 def _check_steps(what: str, path: _Numbers, ends: _Counts, names: Numbered, fail: Fail) -> None:
     sites = len(names.sites)
     steps = _Steps(np.zeros(sites, np.int32), np.zeros(sites, np.int32))
-    told = np.zeros(3, np.int64)
+    where = np.zeros(3, np.int64)
     shared = _shared.for_work(names.work(path), by_entries=True)
-    if shared(path, ends, names.table, steps, told):
-        step, move, site = told.tolist()
+    if shared(path, ends, names.table, steps, where):
+        step, move, site = where.tolist()
         fail(
             CHECK,
             f"{what} {step}: {names.actions[path[move]].label} and another move of it share"
@@ -219,11 +219,11 @@ def _first_apart(
     np.cumsum(in_run[:-1], out=first[1:])
     ours = ours[np.arange(len(ours)) - first[run[ours]] < in_other[run[ours]]]
     pairs = _Pairs(run[ours], ours, theirs)
-    told = np.zeros(4, np.int64)
+    where = np.zeros(4, np.int64)
     differs = _differs.for_work(names.work(other), by_entries=True)
-    if not differs(pairs, _seen(run, names), _seen(other, names), names.table, told):
+    if not differs(pairs, _seen(run, names), _seen(other, names), names.table, where):
         return None
-    move, site, mine, found = told.tolist()
+    move, site, mine, found = where.tolist()
     return move, site, mine, found
 
 
@@ -271,10 +271,10 @@ def _seen(path: _Numbers, names: Numbered) -> _Seen:
 
 
 @compiled
-def _shared(path: _Numbers, ends: _Counts, table: Table, steps: _Steps, told: _Counts) -> bool:
+def _shared(path: _Numbers, ends: _Counts, table: Table, steps: _Steps, where: _Counts) -> bool:
     """Find the first move that shares a site with another of its step, one of them writing it.
 
-    `told` is given the step, the move and the site.
+    `where` is given the step, the move and the site.
     """
     move = 0
     for step in range(1, len(ends) + 1):
@@ -284,9 +284,9 @@ def _shared(path: _Numbers, ends: _Counts, table: Table, steps: _Steps, told: _C
                 site = table.sites[place]
                 writes = place < table.reads[action]
                 if steps.written[site] == step or (writes and steps.touched[site] == step):
-                    told[0] = step
-                    told[1] = move
-                    told[2] = site
+                    where[0] = step
+                    where[1] = move
+                    where[2] = site
                     return True
             for place in range(table.begin[action], table.begin[action + 1]):
                 steps.touched[table.sites[place]] = step
@@ -366,15 +366,15 @@ def _note_versions(path: _Numbers, table: Table, written: _Numbers, versions: _N
 
 
 @compiled
-def _differs(pairs: _Pairs, ours: _Seen, theirs: _Seen, table: Table, told: _Counts) -> bool:
+def _differs(pairs: _Pairs, ours: _Seen, theirs: _Seen, table: Table, where: _Counts) -> bool:
     """Find the first of our moves that finds a site at another version than theirs.
 
-    `told` is given the move, the site and both versions.
+    `where` is given the move, the site and both versions.
     """
     found = False
     for pair in range(len(pairs.actions)):
         mine, other = pairs.ours[pair], pairs.theirs[pair]
-        if found and mine >= told[0]:
+        if found and mine >= where[0]:
             continue
         begin = table.begin[pairs.actions[pair]]
         for place in range(begin, table.begin[pairs.actions[pair] + 1]):
@@ -382,10 +382,10 @@ def _differs(pairs: _Pairs, ours: _Seen, theirs: _Seen, table: Table, told: _Cou
             two = theirs.versions[theirs.starts[other] + place - begin]
             if one != two:
                 found = True
-                told[0] = mine
-                told[1] = table.sites[place]
-                told[2] = one
-                told[3] = two
+                where[0] = mine
+                where[1] = table.sites[place]
+                where[2] = one
+                where[3] = two
                 break
     return found
 

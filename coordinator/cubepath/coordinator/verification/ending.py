@@ -62,11 +62,11 @@ class OutcomeCheck:
         if last.gave_up or last.reached or last.round in (self._most, self._cubes, 0):
             self._ends.append(last)
 
-    def round(self, number: int, said: RecordedRound, sites: Iterable[Site]) -> None:
+    def round(self, number: int, recorded: RecordedRound, sites: Iterable[Site]) -> None:
         """Take a complete round, with where the modules stand after it."""
         gave_up = (
             (module, report.failed)
-            for module, report in sorted(said.reports.items())
+            for module, report in sorted(recorded.reports.items())
             if report.failed is not None
         )
         self._last = _Outcome(number, next(gave_up, None), self._scene.reached(sites))
@@ -86,7 +86,7 @@ class OutcomeCheck:
         if summary is None:
             return
         due = None if went_on else self._due(self._last, transcript)
-        self._check_told(summary, due, pacing)
+        self._check_recorded(summary, due, pacing)
         self._check_line(summary, pacing)
 
     def _due(self, at: _Outcome, transcript: Transcript) -> tuple[str, str | None] | None:
@@ -102,7 +102,7 @@ class OutcomeCheck:
                 return "goal", None
         elif at.gave_up is not None:
             module, reason = at.gave_up
-            before = "" if stopped is None else f"{_told(stopped)}; then "
+            before = "" if stopped is None else f"{_stop_text(stopped)}; then "
             return "failed", f"{before}module_{module}: {reason}"
         elif at.reached:
             return "goal", None
@@ -114,29 +114,29 @@ class OutcomeCheck:
             module, reason = at.gave_up
             return f"the schedule stopped at round {at.round}: module_{module}: {reason}"
         if stopped is not None and stopped.module is None and stopped.round == at.round + 1:
-            return _told(stopped)
+            return _stop_text(stopped)
         return None
 
-    def _check_told(
+    def _check_recorded(
         self, summary: Summary, due: tuple[str, str | None] | None, pacing: Pacing
     ) -> None:
         why = pacing.unfinished() if pacing.is_begun else None
-        told: tuple[str, str | None] = (summary.ended, summary.error)
+        recorded: tuple[str, str | None] = (summary.ended, summary.error)
         finished = why is None and pacing.phase in ("settle", "join")
         if summary.ended in ("goal", "max-rounds"):
             # Without the parameter it is not known how many rounds there may be.
             free = summary.ended == "max-rounds" and self._most is None and due is None
-            if told != due and not (free and summary.error is None):
-                self._fail(CHECK, f"it says {_text(told)}, derived is {_text(due)}")
+            if recorded != due and not (free and summary.error is None):
+                self._fail(CHECK, f"it says {_text(recorded)}, derived is {_text(due)}")
             elif not finished:
                 self._fail(CHECK, f"it says {summary.ended}, but {why or 'a phase was begun'}")
-        elif finished and due is not None and due != told:
-            self._fail(CHECK, f"it says {_text(told)}, derived is {_text(due)}")
-        elif summary.ended == "failed" and due != told:
+        elif finished and due is not None and due != recorded:
+            self._fail(CHECK, f"it says {_text(recorded)}, derived is {_text(due)}")
+        elif summary.ended == "failed" and due != recorded:
             error = summary.error or ""
             stopped = summary.schedule_stopped
             if stopped is not None:
-                error = error.removeprefix(f"{_told(stopped)}; then ")
+                error = error.removeprefix(f"{_stop_text(stopped)}; then ")
             if _GAVE_UP.match(error) or error.startswith("the schedule stopped at "):
                 self._fail(CHECK, f"it says {error!r}, which no module says")
 
@@ -165,9 +165,9 @@ def _cubes(recording: Recording) -> int | None:
         return None
 
 
-def _told(stopped: Stopped) -> str:
-    who = "" if stopped.module is None else f"module_{stopped.module}: "
-    return f"the schedule stopped at round {stopped.round}: {who}{stopped.reason}"
+def _stop_text(stopped: Stopped) -> str:
+    module = "" if stopped.module is None else f"module_{stopped.module}: "
+    return f"the schedule stopped at round {stopped.round}: {module}{stopped.reason}"
 
 
 def _text(ending: tuple[str, str | None] | None) -> str:
@@ -185,8 +185,8 @@ def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> 
     """
     summary = transcript.summary
     if recording.schedule is None:
-        told = summary is not None and (summary.schedule_cubes, summary.schedule_stopped)
-        if "schedule" in recording.parameters or told not in (False, (None, None)):
+        recorded = summary is not None and (summary.schedule_cubes, summary.schedule_stopped)
+        if "schedule" in recording.parameters or recorded not in (False, (None, None)):
             fail("schedule", "there was one, but it is not on record")
         return
     try:
@@ -204,7 +204,7 @@ def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> 
             number, cubes[number - 1], transcript.carried[number], fail, last=number == last
         )
     if summary is not None:
-        _check_schedule_told(summary, cubes, transcript, last, fail)
+        _check_recorded_schedule(summary, cubes, transcript, last, fail)
         if summary.schedule_stopped is None and last != len(cubes):
             if over is not None:
                 fail(
@@ -235,7 +235,7 @@ def _check_cube(
         fail("schedule", f"it went on after round {number}, where module_{gave_up[0][0]} gave up")
 
 
-def _check_schedule_told(
+def _check_recorded_schedule(
     summary: Summary, cubes: Cubes, transcript: Transcript, last: int, fail: Fail
 ) -> None:
     """Check what the summary says about the schedule."""
@@ -248,8 +248,8 @@ def _check_schedule_told(
     stopped = summary.schedule_stopped
     if gave_up:
         due = (last, *gave_up[0])
-        told = None if stopped is None else (stopped.round, stopped.module, stopped.reason)
-        if told != due:
+        recorded = None if stopped is None else (stopped.round, stopped.module, stopped.reason)
+        if recorded != due:
             fail("schedule", f"module_{due[1]} gave up in round {last}: {due[2]}")
     elif stopped is not None and (stopped.round, stopped.module) != (last + 1, None):
         fail(

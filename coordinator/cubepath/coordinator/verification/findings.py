@@ -107,12 +107,12 @@ class Failures:
     def checks(self, unchecked: Mapping[str, str]) -> tuple[Check, ...]:
         """Return all checks; `unchecked` says why one was not made, by its name."""
         return tuple(
-            Check(name, ok=False, detail=self._said(name), checked=name not in unchecked)
+            Check(name, ok=False, detail=self._detail(name), checked=name not in unchecked)
             if count
             else Check(name, ok=True, detail=unchecked.get(name, ""), checked=name not in unchecked)
             for name, count in self._count.items()
         )
 
-    def _said(self, name: str) -> str:
+    def _detail(self, name: str) -> str:
         more = self._count[name] - 1
         return self._first.get(name, ((), ""))[1] + (f" (and {more} more)" if more > 0 else "")

@@ -99,7 +99,7 @@ def verify_free(
     history = History(recording.scene, transcript.commits, failures.stage(1))
     _check_serials(transcript, failures.stage(1))
     playing = None if player is None else player()
-    rests = _check_said(recording, history, transcript, failures, playing)
+    rests = _check_messages(recording, history, transcript, failures, playing)
     path = history.path()
     levels = int(path.levels[-1]) if len(path.levels) else 0
     if progress is not None:
@@ -138,7 +138,7 @@ def _check_serials(transcript: FreeTranscript, fail: Fail) -> None:
                 break
 
 
-def _check_said(
+def _check_messages(
     recording: Recording,
     history: History,
     transcript: FreeTranscript,
@@ -173,8 +173,11 @@ def _check_said(
     has_end = summary is not None and not is_cut_off(recording) and not _never_began(recording)
     # A run that fails does not wait for what keepers have at the end.
     settled = summary is not None and summary.ended in ("goal", "max-rounds")
-    # A process that is dead and not started again does not tell how it ends.
-    open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
+    # A process that is dead and not started again does not tell how it ends; nobody starts one
+    # that has joined from elsewhere.
+    told = recording.parameters
+    unwatched = ("continue", "restart") if "wait_for" in told else ("continue",)
+    open_end = told.get("on_crash") in unwatched or transcript.broken_off
     whole = checks.tails.end(keepers, whole=has_end and settled, open_end=open_end)
     losses = transcript.losses
     known = parameters.processes_of(recording)
@@ -204,10 +207,9 @@ class _Checks(NamedTuple):
                 self.attempts.asked(message)
                 self.shown.looks(record, message)
             case free_messages.Replies():
-                self.attempts.told(record, message)
-                self.shown.held(record, message)
+                self.attempts.take(record, message)
             case free_messages.Forwards():
-                self.attempts.told(record, message)
+                self.attempts.take(record, message)
             case free_messages.TileUpdate():
                 self.shown.shows(record, message)
             case free_messages.CommitLog():
@@ -231,10 +233,10 @@ def _check_edges(path: LevelPath, transcript: FreeTranscript, fail: Fail) -> str
         for move in made:
             digest.update(encode([level, move.module, move.generator, move.at]) + b"\n")
         known.add(level)
-        told = edges.get(level)
-        if told is not None and told != edges_hash(made):
+        recorded = edges.get(level)
+        if recorded is not None and recorded != edges_hash(made):
             fail("edges", f"level {level}: the edges are not the moves committed")
-        elif told is None and transcript.results.summary is not None:
+        elif recorded is None and transcript.results.summary is not None:
             fail("edges", f"level {level}: no edges on record")
     for level in edges:
         if level not in known:
@@ -250,8 +252,8 @@ def _check_schedule(
     Return whether all of it is carried out.
     """
     if recording.schedule is None:
-        told = summary is not None and summary.schedule_cubes is not None
-        if told or "schedule" in recording.parameters:
+        has_schedule = summary is not None and summary.schedule_cubes is not None
+        if has_schedule or "schedule" in recording.parameters:
             fail("schedule", "there was one, but it is not on record")
         return False
     try:
@@ -317,7 +319,7 @@ def _check_ended(
         fail("ended", f"it failed, and says {error!r}, expected one line")
     if summary.ended != "goal" and arrived and rests and not transcript.gave_up:
         fail("ended", f"it says {summary.ended}, and everybody rests at the goal")
-    told = error or ""
-    if told.startswith("module_") and told not in transcript.gave_up:
-        why = f"it says {told!r}, which no module says"
+    reason = error or ""
+    if reason.startswith("module_") and reason not in transcript.gave_up:
+        why = f"it says {reason!r}, which no module says"
         transcript.losses.lack(fail, "ended", why, excused=transcript.losses.of_processes)

@@ -13,7 +13,7 @@ from cubepath.coordinator.verification.number_table import Name, Names
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.free_messages import Attempt, Hold, Turn
+from cubepath.protocol.wire.free_messages import Attempt
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import encode
 
@@ -150,58 +150,34 @@ class AskedAttempts:
         return (name for name in self._names if self.get(name) is not None)
 
 
-class TurnNumbers:
-    """The recorded turns by number, each with the attempt that follows."""
+class HashedNames:
+    """What modules number: of each the hash of its content, and one more number."""
 
     def __init__(self) -> None:
         """Begin with none."""
         self._names = Names()
-        self._digests, self._attempts = array("q"), array("q")
+        self._hashes, self._values = array("q"), array("q")
 
     def __len__(self) -> int:
-        return len(self._digests)
+        return len(self._hashes)
 
-    def take(self, turn: Turn) -> bool:
-        """Take a turn; return whether it is the same as before, if it is known."""
-        place, digest = self._names.place((turn.module, turn.epoch, turn.turn)), hash(encode(turn))
-        if place < len(self._digests):
-            return self._digests[place] == digest
-        self._digests.append(digest)
-        self._attempts.append(-1 if turn.number is None else turn.number)
+    def take(self, name: Name, content: int, value: int) -> bool:
+        """Take something by its hash; return whether it is the same as before, if it is known."""
+        place = self._names.place(name)
+        if place < len(self._hashes):
+            return self._hashes[place] == content
+        self._hashes.append(content)
+        self._values.append(value)
         return True
 
-    def attempt(self, name: Name) -> int | None:
-        """Return the attempt of a turn, -1 if it makes none; None if the turn is not recorded."""
+    def value(self, name: Name) -> int | None:
+        """Return the number taken with a name, None if it is not recorded."""
         place = self._names.get(name)
-        return None if place is None else self._attempts[place]
+        return None if place is None else self._values[place]
 
     def of(self, module: int) -> Iterator[Name]:
-        """Yield the turns of a module in order."""
+        """Yield the names of a module in order."""
         return self._names.of(module)
-
-
-class AskedHolds:
-    """What was asked to be held, by number."""
-
-    def __init__(self) -> None:
-        """Begin with nothing."""
-        self._names = Names()
-        self._digests, self._places = array("q"), array("q")
-
-    def take(self, keeper: int, hold: Hold) -> bool:
-        """Take what is asked of a keeper; return whether it is the same as before, if known."""
-        place = self._names.place((hold.module, hold.epoch, hold.number))
-        digest = hash((keeper, encode(hold)))
-        if place < len(self._digests):
-            return self._digests[place] == digest
-        self._digests.append(digest)
-        self._places.append(hash((keeper, encode(hold.places))))
-        return True
-
-    def asked(self, name: Name, keeper: int, places: object) -> bool | None:
-        """Return whether a keeper was asked for these places; None if nobody asked by this name."""
-        place = self._names.get(name)
-        return None if place is None else self._places[place] == hash((keeper, encode(places)))
 
 
 class ShownVersions:

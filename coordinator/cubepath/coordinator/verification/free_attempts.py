@@ -22,21 +22,7 @@ from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import (
-    Attempt,
-    Commit,
-    Decision,
-    Entered,
-    Forwarded,
-    Forwards,
-    Held,
-    Inquiry,
-    Occupant,
-    Register,
-    Replies,
-    Requests,
-    Settled,
-)
+from cubepath.protocol.wire import free_messages as free
 from cubepath.protocol.wire.keys import Tiles
 
 
@@ -47,7 +33,7 @@ class Incarnations:
         self, transcript: FreeTranscript, tiles: Tiles, system: System, fail: Fail
     ) -> None:
         """Begin with nothing reported."""
-        self._said, self._losses = transcript, transcript.losses
+        self._transcript, self._losses = transcript, transcript.losses
         self._tiles, self._place_of, self._fail = tiles, system.place_of, fail
         self._incarnations: dict[int, dict[int, int]] = {}
         """By module the epoch of each incarnation."""
@@ -55,33 +41,33 @@ class Incarnations:
     def _lack(self, check: str, why: str, *, excused: bool) -> None:
         self._losses.lack(self._fail, check, why, excused=excused)
 
-    def answered(self, said: KeeperPart, entered: Entered) -> None:
+    def answered(self, sent: KeeperPart, entered: free.Entered) -> None:
         """Check the answer to a module that asked where it stands."""
         occupant = entered.occupant
-        if (occupant.module, entered.incarnation) not in self._said.entered:
+        if (occupant.module, entered.incarnation) not in self._transcript.entered:
             self._lack(
                 "entries",
-                f"{said.where}: module_{occupant.module} did not ask where it is",
+                f"{sent.where}: module_{occupant.module} did not ask where it is",
                 excused=self._losses.of_module(occupant.module)
                 or self._losses.before(occupant.module, occupant.epoch),
             )
         if occupant.incarnation != entered.incarnation:
             self._fail(
                 "entries",
-                f"{said.where}: incarnation {occupant.incarnation} is not the one answered",
+                f"{sent.where}: incarnation {occupant.incarnation} is not the one answered",
             )
         site = entered.site
-        processes = self._said.asked_by.get(occupant.module, ())
-        if said.to not in processes:
+        processes = self._transcript.asked_by.get(occupant.module, ())
+        if sent.to not in processes:
             self._lack(
                 "entries",
-                f"{said.where}: process_{said.to} did not ask for it",
+                f"{sent.where}: process_{sent.to} did not ask for it",
                 excused=not processes and self._losses.of_module(occupant.module),
             )
-        if site is not None and self._tiles.keeper_of(self._place_of(site)) != said.keeper:
-            self._fail("entries", f"{said.where}: keeper_{said.keeper} does not have that place")
+        if site is not None and self._tiles.keeper_of(self._place_of(site)) != sent.keeper:
+            self._fail("entries", f"{sent.where}: keeper_{sent.keeper} does not have that place")
 
-    def take(self, where: Record, occupant: Occupant) -> None:
+    def take(self, where: Record, occupant: free.Occupant) -> None:
         """Note the epoch of an incarnation."""
         known = self._incarnations.setdefault(occupant.module, {0: 0})
         if known.setdefault(occupant.incarnation, occupant.epoch) != occupant.epoch:
@@ -98,14 +84,14 @@ class Incarnations:
                     "entries", f"module_{module}: its epochs do not grow with its incarnations"
                 )
             for incarnation in incarnations:
-                if incarnation and (module, incarnation) not in self._said.entered:
+                if incarnation and (module, incarnation) not in self._transcript.entered:
                     self._lack(
                         "entries",
                         f"module_{module} has incarnation {incarnation}, for which it did not ask",
                         excused=self._losses.of_module(module)
                         or self._losses.before(module, known[incarnation]),
                     )
-        for name in self._said.attempts:
+        for name in self._transcript.attempts:
             if name[1] not in self._incarnations.get(name[0], {}).values():
                 self._lack(
                     "entries",
@@ -129,7 +115,7 @@ class Attempts:
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: StageFailures
     ) -> None:
         """Find which attempts were committed."""
-        self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
+        self._history, self._transcript, self._tiles, self._fail = history, transcript, tiles, fail
         self._system, self._losses = history.system, transcript.losses
         self._incarnations = Incarnations(transcript, tiles, history.system, fail)
         self._known = transcript.attempts
@@ -159,13 +145,13 @@ class Attempts:
             self._committed.extend([-1] * more)
             self._seen.extend([0] * more)
 
-    def asked(self, message: Requests) -> None:
+    def asked(self, message: free.Requests) -> None:
         """Check what was committed of the attempts that were asked of a keeper."""
         for part in message.parts:
-            if isinstance(part, Attempt):
+            if isinstance(part, free.Attempt):
                 self._asked(message.keeper, part)
 
-    def _asked(self, keeper: int, attempt: Attempt) -> None:
+    def _asked(self, keeper: int, attempt: free.Attempt) -> None:
         place = self._known.place(name_of(attempt))
         self._answered(place, attempt)
         if self._committed[place] < 0 or self._seen[place] != _CHECKED:
@@ -179,7 +165,7 @@ class Attempts:
                 self._fail("attempts", f"{commit_text(moved)}: {why}")
             self._fail.position = ()
 
-    def _answered(self, place: int, attempt: Attempt) -> None:
+    def _answered(self, place: int, attempt: free.Attempt) -> None:
         if self._seen[place]:
             return
         self._seen[place] = _CHECKED
@@ -190,22 +176,21 @@ class Attempts:
                 self._seen[place] = _GIVEN_UP
         self._fail.position = ()
 
-    def _commits_of(self, place: int) -> Iterator[tuple[int, Commit]]:
+    def _commits_of(self, place: int) -> Iterator[tuple[int, free.Commit]]:
         first = self._committed[place]
         for number in [first, *self._again.get(place, ())] if first >= 0 else ():
             yield number, self._history.commits[number]
 
-    def told(self, where: Record, message: Forwards | Replies) -> None:
+    def take(self, where: Record, message: free.Forwards | free.Replies) -> None:
         """Check what a keeper says of attempts."""
-        to = message.process if isinstance(message, Replies) else message.to
+        to = message.process if isinstance(message, free.Replies) else message.to
         for part in message.parts:
-            if isinstance(part, Forwarded):
+            if isinstance(part, free.Forwarded):
                 place = self._known.place(name_of(part.attempt))
                 if self._known.is_believed(place):
                     self._answered(place, part.attempt)
-            if not isinstance(part, Held):
-                said = KeeperPart(where, message.keeper, to, part, isinstance(message, Replies))
-                self._guarded(where, "decisions", self._check_said, said)
+            sent = KeeperPart(where, message.keeper, to, part, isinstance(message, free.Replies))
+            self._guarded(where, "decisions", self._check_sent, sent)
 
     def end(self) -> None:
         """Check that all commits were asked for, and all incarnations."""
@@ -229,10 +214,10 @@ class Attempts:
         place = self._known.place(name)
         self._grow()
         number = self._committed[place]
-        by_tail = number >= 0 and not self._said.commits.announced(number)
+        by_tail = number >= 0 and not self._transcript.commits.announced(number)
         return by_tail or self._losses.of_attempt(name)
 
-    def _committed_as(self, place: int) -> Commit | None:
+    def _committed_as(self, place: int) -> free.Commit | None:
         number = self._committed[place]
         return None if number < 0 else self._history.commits[number]
 
@@ -248,7 +233,7 @@ class Attempts:
 
     # Commits.
 
-    def _check_commit(self, moved: Commit, attempt: Attempt) -> None:
+    def _check_commit(self, moved: free.Commit, attempt: free.Attempt) -> None:
         name = commit_text(moved)
         for key in ("turn", "generator", "at"):
             if getattr(moved, key) != getattr(attempt, key):
@@ -266,7 +251,7 @@ class Attempts:
         if moved.keeper != chain[-1]:
             self._fail("attempts", f"{name}: the last keeper of its chain is keeper_{chain[-1]}")
 
-    def _before(self, moved: Commit, module: int) -> ModuleVersion | None:
+    def _before(self, moved: free.Commit, module: int) -> ModuleVersion | None:
         """Return a module as a commit found it."""
         version = changed_by(moved).get(module)
         if version is not None:
@@ -274,15 +259,15 @@ class Attempts:
         held = next((v for _, each, v, _ in moved.notes if each == module), None)
         return None if held is None else self._history.module(module, held)
 
-    def _check_sensed(self, moved: Commit, attempt: Attempt) -> None:
+    def _check_sensed(self, moved: free.Commit, attempt: free.Attempt) -> None:
         name = commit_text(moved)
         found = dict((*moved.read, *moved.guarded))
         found |= {unit: version for unit, version, _ in moved.written}
-        told = dict(attempt.sensed)
-        if len(told) != len(attempt.sensed) or told.keys() != found.keys():
+        recorded = dict(attempt.sensed)
+        if len(recorded) != len(attempt.sensed) or recorded.keys() != found.keys():
             self._fail("attempts", f"{name} names other units than its attempt has sensed")
             return
-        for unit, shown in told.items():
+        for unit, shown in recorded.items():
             version = found[unit]
             if unit is None:
                 continue
@@ -298,9 +283,9 @@ class Attempts:
             if found.get(unit) != version or (unit in counted and counted[unit] != reads):
                 self._fail("attempts", f"{name} did not wait for what its attempt names")
 
-    def _check_registers(self, moved: Commit, attempt: Attempt) -> None:
+    def _check_registers(self, moved: free.Commit, attempt: free.Attempt) -> None:
         name = commit_text(moved)
-        here: dict[Site | None, tuple[ModuleVersion | None, Register | None]] = {}
+        here: dict[Site | None, tuple[ModuleVersion | None, free.Register | None]] = {}
         for place, module, version, content in moved.notes:
             before = self._before(moved, module)
             now = self._history.module(module, version)
@@ -329,93 +314,93 @@ class Attempts:
 
     # What keepers say.
 
-    def _check_said(self, said: KeeperPart) -> None:
-        part = said.part
-        if isinstance(part, Entered):
-            self._check_entered(said, part)
+    def _check_sent(self, sent: KeeperPart) -> None:
+        part = sent.part
+        if isinstance(part, free.Entered):
+            self._check_entered(sent, part)
             return
-        name = name_of(part.attempt if isinstance(part, Forwarded) else part)
+        name = name_of(part.attempt if isinstance(part, free.Forwarded) else part)
         place = self._known.get(name)
         if place is None:
-            why = f"{said.where}: no {attempt_text(name)} is on record"
+            why = f"{sent.where}: no {attempt_text(name)} is on record"
             self._lack("decisions", why, excused=self._unasked(name))
             return
         chain = self._known.chain(place)
-        processes = self._said.asked_by.get(name[0], ())
-        if said.to not in (processes if said.told else chain):
+        processes = self._transcript.asked_by.get(name[0], ())
+        if sent.to not in (processes if sent.to_process else chain):
             self._lack(
                 "decisions",
-                f"{said.where}: its receiver has nothing to do with it",
-                excused=said.told and not processes and self._unasked(name),
+                f"{sent.where}: its receiver has nothing to do with it",
+                excused=sent.to_process and not processes and self._unasked(name),
             )
-        if said.keeper not in chain:
-            self._fail("decisions", f"{said.where}: keeper_{said.keeper} has nothing to do with it")
+        if sent.keeper not in chain:
+            self._fail("decisions", f"{sent.where}: keeper_{sent.keeper} has nothing to do with it")
         match part:
-            case Forwarded():
-                self._check_passed(said, part, place, chain)
-            case Decision():
-                self._check_decision(said, part, name, place)
-            case Settled():
+            case free.Forwarded():
+                self._check_passed(sent, part, place, chain)
+            case free.Decision():
+                self._check_decision(sent, part, name, place)
+            case free.Settled():
                 moved = self._committed_as(place)
-                if moved is None or moved.keeper != said.to:
-                    self._fail("decisions", f"{said.where}: {attempt_text(name)} is acknowledged")
+                if moved is None or moved.keeper != sent.to:
+                    self._fail("decisions", f"{sent.where}: {attempt_text(name)} is acknowledged")
             case _:
-                if said.to != chain[-1]:
-                    self._fail("decisions", f"{said.where}: keeper_{said.to} is not the last one")
+                if sent.to != chain[-1]:
+                    self._fail("decisions", f"{sent.where}: keeper_{sent.to} is not the last one")
 
     def _check_decision(
-        self, said: KeeperPart, decision: Decision, name: AttemptId, place: int
+        self, sent: KeeperPart, decision: free.Decision, name: AttemptId, place: int
     ) -> None:
         moved = self._committed_as(place)
         if decision.commit is None:
-            # Who has acknowledged a commit does not ask; a question that was under way is answered
-            # by one who has forgotten it.
-            if moved is not None and (name, said.to) not in self._said.acknowledged:
+            # A module that has acknowledged a commit does not ask; a question on its way is
+            # answered by a keeper that has forgotten it.
+            if moved is not None and (name, sent.to) not in self._transcript.acknowledged:
                 self._lack(
                     "decisions",
-                    f"{said.where}: {attempt_text(name)} was not refused",
-                    excused=self._losses.of_keepers([said.to])
+                    f"{sent.where}: {attempt_text(name)} was not refused",
+                    excused=self._losses.of_keepers([sent.to])
                     or self._losses.before(name[0], name[1]),
                 )
             if not decision.reason or decision.occupants:
-                self._fail("decisions", f"{said.where}: a refusal needs a reason and nothing else")
+                self._fail("decisions", f"{sent.where}: a refusal needs a reason and nothing else")
             return
         if moved is None or decision.commit != moved or decision.reason:
             self._lack(
                 "decisions",
-                f"{said.where}: {attempt_text(name)} came to something else",
+                f"{sent.where}: {attempt_text(name)} came to something else",
                 excused=moved is None
                 and not decision.reason
-                and self._said.after_the_end(decision),
+                and self._transcript.after_the_end(decision),
             )
             return
         changed = changed_by(moved)
-        told = [occupant.module for _, occupant in decision.occupants]
-        if sorted(told) != sorted(changed):
-            self._fail("decisions", f"{said.where}: it names modules other than those it changed")
+        recorded = [occupant.module for _, occupant in decision.occupants]
+        if sorted(recorded) != sorted(changed):
+            self._fail("decisions", f"{sent.where}: it names modules other than those it changed")
         for site, occupant in decision.occupants:
             if occupant.version != changed.get(occupant.module):
                 name_of_it = f"module_{occupant.module}"
-                self._fail("decisions", f"{said.where}: {name_of_it} has another version")
-            self._check_occupant(said.where, site, occupant)
+                self._fail("decisions", f"{sent.where}: {name_of_it} has another version")
+            self._check_occupant(sent.where, site, occupant)
 
     def _check_passed(
-        self, said: KeeperPart, passed: Forwarded, place: int, chain: list[int]
+        self, sent: KeeperPart, passed: free.Forwarded, place: int, chain: list[int]
     ) -> None:
-        where, history, attempt = said.where, self._history, passed.attempt
+        where, history, attempt = sent.where, self._history, passed.attempt
         if not self._known.is_as(place, attempt):
             self._fail("decisions", f"{where}: another attempt than was made")
-        processes = self._said.asked_by.get(attempt.module, ())
+        processes = self._transcript.asked_by.get(attempt.module, ())
         if passed.process not in processes:
             self._lack(
                 "decisions",
                 f"{where}: process_{passed.process} did not ask for it",
                 excused=not processes and self._unasked(name_of(attempt)),
             )
-        if said.keeper in chain[:-1] and said.to != chain[chain.index(said.keeper) + 1]:
-            self._fail("decisions", f"{where}: keeper_{said.to} is not the next one")
+        if sent.keeper in chain[:-1] and sent.to != chain[chain.index(sent.keeper) + 1]:
+            self._fail("decisions", f"{where}: keeper_{sent.to} is not the next one")
         moved = self._committed_as(place)
-        so_far = {keeper for keeper in chain if keeper <= said.keeper}
+        so_far = {keeper for keeper in chain if keeper <= sent.keeper}
         if moved is not None:
             for key in ("read", "written", "guarded"):
                 due = [each for each in getattr(moved, key) if self._of(each[0]) in so_far]
@@ -430,7 +415,7 @@ class Attempts:
                 self._fail("decisions", f"{where}: {unit!r} never had version {version}")
         self._check_taken(where, passed, so_far)
 
-    def _check_taken(self, where: Record, passed: Forwarded, so_far: set[int]) -> None:
+    def _check_taken(self, where: Record, passed: free.Forwarded, so_far: set[int]) -> None:
         """Check the modules that are passed on, those of the motion and those of registers."""
         attempt, site = passed.attempt, passed.attempt.site
         move = None
@@ -458,7 +443,7 @@ class Attempts:
         labelled = self._system.labels is not None
         return self._tiles.keeper_of(unit if labelled else self._system.place_of(unit))
 
-    def _level_of(self, passed: Forwarded, *, committed: bool) -> int | None:
+    def _level_of(self, passed: free.Forwarded, *, committed: bool) -> int | None:
         """Return the greatest level of what it depends on so far; None if a version never was."""
         history, found = self._history, [0]
         written = [(unit, version) for unit, version, _ in passed.written]
@@ -473,7 +458,7 @@ class Attempts:
             return max(found)
         return None if written else max(found)
 
-    def _check_occupant(self, where: Record, site: Site, occupant: Occupant) -> None:
+    def _check_occupant(self, where: Record, site: Site, occupant: free.Occupant) -> None:
         """Check what is reported of a module at one of its versions."""
         standing = self._history.module(occupant.module, occupant.version)
         name = f"module_{occupant.module} at version {occupant.version}"
@@ -486,17 +471,19 @@ class Attempts:
             self._fail("decisions", f"{where}: {name} has number {occupant.number}")
         self._incarnations.take(where, occupant)
 
-    def _number_at(self, occupant: Occupant) -> int:
+    def _number_at(self, occupant: free.Occupant) -> int:
         """Return the module's last committed attempt of this epoch that changed it, up to then."""
         moved = self._history.own_commit(occupant.module, occupant.version)
         return moved.number if moved is not None and moved.epoch == occupant.epoch else 0
 
-    def _check_entered(self, said: KeeperPart, entered: Entered) -> None:
-        self._incarnations.answered(said, entered)
-        self._check_occupant(said.where, entered.site, entered.occupant)
+    def _check_entered(self, sent: KeeperPart, entered: free.Entered) -> None:
+        self._incarnations.answered(sent, entered)
+        self._check_occupant(sent.where, entered.site, entered.occupant)
 
 
-def name_of(part: Attempt | Decision | Commit | Inquiry | Settled) -> AttemptId:
+def name_of(
+    part: free.Attempt | free.Decision | free.Commit | free.Inquiry | free.Settled,
+) -> AttemptId:
     """Return which attempt this is, or is about."""
     return part.module, part.epoch, part.number
 

@@ -393,12 +393,12 @@ class History:
             self._fail("versions", f"{name}: {what} never had version {version}")
 
     def _check_readers(self, what: str, at: AtVersion) -> None:
-        told, found = at.counted[0], len(at.readers)
-        if told != found:
+        recorded, found = at.counted[0], len(at.readers)
+        if recorded != found:
             moved = self.commits[at.writers[0]]
             self._fail(
                 "readers",
-                f"{commit_text(moved)} counts {told} readers of version {at.version} of"
+                f"{commit_text(moved)} counts {recorded} readers of version {at.version} of"
                 f" {what}, on record are {found}",
             )
 
@@ -435,8 +435,8 @@ class History:
             return
         self._check_motion(moved, move)
         reads, writes = self.units_of(move.action)
-        told = [unit for unit, _ in moved.read], [u for u, *_ in moved.written]
-        for what, due, found in (("reads", reads, told[0]), ("writes", writes, told[1])):
+        recorded = [unit for unit, _ in moved.read], [u for u, *_ in moved.written]
+        for what, due, found in (("reads", reads, recorded[0]), ("writes", writes, recorded[1])):
             if frozenset(found) != due or len(found) != len(due):
                 self._fail("units", f"{commit_text(moved)} {what} other units than its move does")
         why = why_not(move.action, self.state)
@@ -472,8 +472,8 @@ class History:
         return None
 
     def _check_motion(self, moved: Commit, move: Move) -> None:
-        told = [(source, target) for _, source, target, _ in moved.motion]
-        if told != list(move.motion) or moved.motion[0][0] != moved.module:
+        recorded = [(source, target) for _, source, target, _ in moved.motion]
+        if recorded != list(move.motion) or moved.motion[0][0] != moved.module:
             self._fail("sites", f"{commit_text(moved)}: its motion is not that of its move")
             return
         for module, source, _, _ in moved.motion:

@@ -11,17 +11,8 @@ from cubepath.coordinator.verification.findings import StageFailures
 from cubepath.coordinator.verification.number_table import Name, NumberTable
 from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.recordings.stored_messages import Record
+from cubepath.protocol.wire import free_messages as free
 from cubepath.protocol.wire.credentials import keeper_name, process_name
-from cubepath.protocol.wire.free_messages import (
-    CommitLog,
-    Entered,
-    FreeMessage,
-    Halted,
-    Replies,
-    Requests,
-    TileQuery,
-    Turns,
-)
 from cubepath.protocol.wire.outgoing_log import INCARNATIONS_OF_A_FLEET
 
 _PROCESS = process_name(0)[:-1]
@@ -32,7 +23,7 @@ class Losses:
 
     def __init__(self) -> None:
         """Begin before the first message."""
-        self._said: dict[tuple[str, int], NumberTable] = {}
+        self._transcript: dict[tuple[str, int], NumberTable] = {}
         """By sender and incarnation the hash of each message by its number."""
         self._last: dict[tuple[str, int], int] = {}
         """By sender and incarnation the greatest reported number."""
@@ -46,7 +37,7 @@ class Losses:
         """By process the incarnation and the number at which it last reported that it rests."""
         self._lacking: dict[str, tuple[int, tuple[int, ...], str]] = {}
 
-    def take(self, where: Record, message: FreeMessage, sender: str, fail: Fail) -> None:
+    def take(self, where: Record, message: free.FreeMessage, sender: str, fail: Fail) -> None:
         """Note the number of a message."""
         self._take_parts(message)
         number = getattr(message, "sequence", 0)
@@ -55,36 +46,39 @@ class Losses:
         key = sender, getattr(message, "incarnation", 0)
         if number > self._last.get(key, 0):
             self._last[key] = number
-        if isinstance(message, Halted | CommitLog):
+        if isinstance(message, free.Halted | free.CommitLog):
             return
         # Only whether it is the same is asked, and that within one process: any hash will do.
         content = hash(where.data)
-        said = self._said.get(key)
-        if said is None:
-            said = self._said[key] = NumberTable()
-        if said.setdefault(number, content) != content:
+        hashes = self._transcript.get(key)
+        if hashes is None:
+            hashes = self._transcript[key] = NumberTable()
+        if hashes.setdefault(number, content) != content:
             name, incarnation = key
             fail(
                 "messages",
                 f"{where}: message {number} of {name} in incarnation {incarnation} was another",
             )
 
-    def _take_parts(self, message: FreeMessage) -> None:
+    def _take_parts(self, message: free.FreeMessage) -> None:
         """Note the process of each module, the incarnation in which it entered, and who rests."""
         match message:
-            case Requests(process=process, parts=parts) | Turns(process=process, parts=parts):
-                modules = [part.module for part in parts if not isinstance(part, TileQuery)]
+            case (
+                free.Requests(process=process, parts=parts)
+                | free.Turns(process=process, parts=parts)
+            ):
+                modules = [part.module for part in parts if not isinstance(part, free.TileQuery)]
                 for module in modules:
                     self._speakers.setdefault(module, set()).add(process)
                 if modules:
                     at = message.incarnation, message.sequence
                     self._acted[process] = max(self._acted.get(process, at), at)
-            case Halted(process=process):
+            case free.Halted(process=process):
                 at = message.incarnation, message.sequence
                 self._rested[process] = max(self._rested.get(process, at), at)
-            case Replies(parts=told):
-                for each in told:
-                    if isinstance(each, Entered):
+            case free.Replies(parts=replies):
+                for each in replies:
+                    if isinstance(each, free.Entered):
                         occupant = each.occupant
                         self._entered[occupant.module, occupant.epoch] = each.incarnation
             case _:
@@ -93,7 +87,7 @@ class Losses:
     def of(self, sender: str) -> int:
         """Return how many messages of a sender are known to be missing."""
         return sum(
-            last - len(self._said.get(key, ()))
+            last - len(self._transcript.get(key, ()))
             for key, last in self._last.items()
             if key[0] == sender
         )

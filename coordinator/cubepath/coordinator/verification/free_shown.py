@@ -5,7 +5,6 @@ Part of `cubepath verify`.
 
 from array import array
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -19,20 +18,11 @@ from cubepath.coordinator.verification.number_table import NumberTable
 from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire.free_messages import (
-    CommitLog,
-    Held,
-    PlaceState,
-    Replies,
-    Requests,
-    TileQuery,
-    TileUpdate,
-)
+from cubepath.protocol.wire import free_messages as free
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import encode
 
 _Rows: TypeAlias = NDArray[np.int64] | NDArray[np.int32]
-_BLOCK = 1 << 14
 
 
 class VisibilityCheck:
@@ -42,13 +32,13 @@ class VisibilityCheck:
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: StageFailures
     ) -> None:
         """Know what was where, and what was asked for."""
-        self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
+        self._history, self._transcript, self._tiles, self._fail = history, transcript, tiles, fail
         self._system, self._losses = history.system, transcript.losses
         self._changes: dict[str, NumberTable] = {}
         """By tile the hash of what each change has shown."""
         self._serials = Serials()
 
-    def shows(self, where: Record, message: TileUpdate) -> None:
+    def shows(self, where: Record, message: free.TileUpdate) -> None:
         """Check what is shown of a tile."""
         self._fail.position = 0, self._serials.begin(where, message)
         try:
@@ -56,55 +46,21 @@ class VisibilityCheck:
         except NO_SITE as error:
             self._fail("place", f"{where}: {type(error).__name__}: {error}")
 
-    def held(self, where: Record, message: Replies) -> None:
-        """Check what a keeper holds."""
-        for part in message.parts:
-            if isinstance(part, Held):
-                self._fail.position = (1,)
-                try:
-                    self._check_held(where, message.keeper, part)
-                except NO_SITE as error:
-                    self._fail("place", f"{where}: {type(error).__name__}: {error}")
-
-    def looks(self, where: Record, message: Requests) -> None:
+    def looks(self, where: Record, message: free.Requests) -> None:
         """Check who is asked for tiles."""
         for part in message.parts:
             if (
-                isinstance(part, TileQuery)
+                isinstance(part, free.TileQuery)
                 and self._tiles.keeper_of_tile(part.tile) != message.keeper
             ):
                 self._fail.position = (2,)
                 why = f"keeper_{message.keeper} does not have tile {part.tile}"
                 self._fail("place", f"{where}: {why}")
 
-    def _check_held(self, where: Record, keeper: int, held: Held) -> None:
-        """Check that what is held was asked for, and shows what was there."""
-        name = held.module, held.epoch, held.number
-        asked = self._said.holds.asked(name, keeper, [part.place for part in held.parts])
-        if not asked:
-            self._losses.lack(
-                self._fail,
-                "place",
-                f"{where}: what is held for module_{held.module} was not asked for",
-                excused=asked is None
-                and (
-                    self._losses.of_module(held.module)
-                    or self._losses.before(held.module, held.epoch)
-                ),
-            )
-        for part in held.parts:
-            place = part.place
-            if place is None or not self._system.has_place(place):
-                self._fail("place", f"{where}: {part.place!r} is no place")
-                continue
-            if self._tiles.keeper_of(place) != keeper:
-                self._fail("place", f"{where}: keeper_{keeper} does not have {site_text(place)}")
-            self._check_part(where, place, part)
-
-    def _check(self, where: Record, message: TileUpdate) -> None:
+    def _check(self, where: Record, message: free.TileUpdate) -> None:
         if self._tiles.keeper_of_tile(message.tile) != message.keeper:
             self._fail("place", f"{where}: keeper_{message.keeper} does not have this tile")
-        if message.whole and (message.keeper, message.tile) not in self._said.looks:
+        if message.whole and (message.keeper, message.tile) not in self._transcript.looks:
             self._losses.lack(
                 self._fail,
                 "place",
@@ -130,7 +86,7 @@ class VisibilityCheck:
             self._check_part(where, place, part)
             self._serials.take(place, part)
 
-    def _check_part(self, where: Record, place: Site, part: PlaceState) -> None:
+    def _check_part(self, where: Record, place: Site, part: free.PlaceState) -> None:
         there = self._history.at_place(place, part.version)
         name = f"{site_text(place)} at version {part.version}"
         if there is None:
@@ -153,7 +109,7 @@ class VisibilityCheck:
                 )
         self._check_reads(where, place, part)
 
-    def _check_reads(self, where: Record, place: Site, part: PlaceState) -> None:
+    def _check_reads(self, where: Record, place: Site, part: free.PlaceState) -> None:
         for unit, version, reads in part.reads:
             known = None if unit is None else self._history.reads.get(unit)
             most = None if known is None or version >= len(known) else known[version]
@@ -183,7 +139,7 @@ class Serials:
         self._parts = array("i"), array("i"), *(array("q") for _ in range(4))
         """Of each place shown its number, message, version, module or -1, its version, and hash."""
 
-    def begin(self, record: Record, message: TileUpdate) -> int:
+    def begin(self, record: Record, message: free.TileUpdate) -> int:
         """Begin with a message; return how many were before it."""
         values = (
             self._tiles.setdefault(message.tile, len(self._tiles)),
@@ -195,7 +151,7 @@ class Serials:
             column.append(value)
         return len(self._messages[0]) - 1
 
-    def take(self, place: Site, part: PlaceState) -> None:
+    def take(self, place: Site, part: free.PlaceState) -> None:
         """Take what the message shows of a place."""
         places, messages, versions, modules, module_versions, hashes = self._parts
         places.append(self._places.setdefault(place, len(self._places)))
@@ -211,41 +167,26 @@ class Serials:
         places, messages, *_ = columns = [np.asarray(each) for each in self._parts]
         names, sites, each_topic = list(self._tiles), list(self._places), list(self._topics)
         rank = np.argsort(np.argsort(names))
-        for block in _blocks(places):
-            begun = messages[block]
-            rows = block[np.lexsort((begun, serials[begun], rank[tiles[begun]], places[block]))]
-            place, message, version, module, module_version, content = (
-                each[rows] for each in columns
-            )
-            tile, serial = tiles[message], serials[message]
-            again = np.zeros(len(rows), np.bool_)
-            again[1:] = _same(place) & _same(tile) & _same(serial)
-            first = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows))))
-            for row in np.flatnonzero(content != content[first]).tolist():
-                number = int(message[row])
-                where = f"message {sequences[number]} ({each_topic[topics[number]]})"
-                why = f"{site_text(sites[place[row]])} was shown otherwise before"
-                yield (0, number), f"{where}: {why}"
-            known = np.flatnonzero(~again)
-            back = _same(place[known]) & (
-                (np.diff(version[known]) < 0)
-                | (_same(module[known]) & (np.diff(module_version[known]) < 0))
-            )
-            for row in known[np.flatnonzero(back) + 1].tolist():
-                where = f"tile {names[tile[row]]}, change {serial[row]}"
-                position = 3, int(rank[tile[row]]), int(serial[row]), int(message[row])
-                yield position, f"{where}: {site_text(sites[place[row]])} goes back"
-
-
-def _blocks(places: _Rows) -> Iterator[_Rows]:
-    """Yield rows some thousand at a time, those of a place never in two."""
-    order = np.argsort(places, kind="stable")
-    begins = np.flatnonzero(np.diff(places[order])) + 1
-    wanted = np.arange(_BLOCK, len(order), _BLOCK)
-    cuts = begins[np.searchsorted(begins, wanted).clip(max=len(begins) - 1)] if len(begins) else []
-    for begin, end in pairwise([0, *np.unique(cuts).tolist(), len(order)]):
-        if begin < end:
-            yield order[begin:end]
+        rows = np.lexsort((messages, serials[messages], rank[tiles[messages]], places))
+        place, message, version, module, module_version, content = (each[rows] for each in columns)
+        tile, serial = tiles[message], serials[message]
+        again = np.zeros(len(rows), np.bool_)
+        again[1:] = _same(place) & _same(tile) & _same(serial)
+        first = np.maximum.accumulate(np.where(again, 0, np.arange(len(rows))))
+        for row in np.flatnonzero(content != content[first]).tolist():
+            number = int(message[row])
+            where = f"message {sequences[number]} ({each_topic[topics[number]]})"
+            why = f"{site_text(sites[place[row]])} was shown otherwise before"
+            yield (0, number), f"{where}: {why}"
+        known = np.flatnonzero(~again)
+        back = _same(place[known]) & (
+            (np.diff(version[known]) < 0)
+            | (_same(module[known]) & (np.diff(module_version[known]) < 0))
+        )
+        for row in known[np.flatnonzero(back) + 1].tolist():
+            where = f"tile {names[tile[row]]}, change {serial[row]}"
+            position = 3, int(rank[tile[row]]), int(serial[row]), int(message[row])
+            yield position, f"{where}: {site_text(sites[place[row]])} goes back"
 
 
 def _same(values: _Rows) -> NDArray[np.bool_]:
@@ -260,12 +201,12 @@ class Tails:
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Fail
     ) -> None:
         """Know what was derived."""
-        self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
-        self._last: dict[int, tuple[Record, CommitLog]] = {}
+        self._history, self._transcript, self._tiles, self._fail = history, transcript, tiles, fail
+        self._last: dict[int, tuple[Record, free.CommitLog]] = {}
 
-    def tail(self, where: Record, tail: CommitLog) -> None:
+    def tail(self, where: Record, tail: free.CommitLog) -> None:
         """Check what a keeper reports of all its commits."""
-        found = len(self._said.commits.serials(tail.keeper))
+        found = len(self._transcript.commits.serials(tail.keeper))
         if tail.serial > found:
             self._fail(
                 "tails",
@@ -292,18 +233,18 @@ class Tails:
             for why in self._at_the_end(keeper, self._last.get(keeper), touched.get(keeper, set()))
         ]
         for why in odd if whole else ():
-            self._said.losses.lack(self._fail, "tails", why, excused=open_end)
+            self._transcript.losses.lack(self._fail, "tails", why, excused=open_end)
         return not odd
 
     def _at_the_end(
-        self, keeper: int, last: tuple[Record, CommitLog] | None, touched: set[Site | None]
+        self, keeper: int, last: tuple[Record, free.CommitLog] | None, touched: set[Site | None]
     ) -> Iterator[str]:
         """Yield what does not fit the end in the last tail of a keeper."""
         if last is None:
             yield f"keeper_{keeper} does not say how many commits it has"
             return
         where, tail = last
-        if tail.serial != len(self._said.commits.serials(keeper)):
+        if tail.serial != len(self._transcript.commits.serials(keeper)):
             yield f"{where}: there are later commits"
         if tail.prepared:
             yield f"{where}: {tail.prepared} attempts are under way at the end"
@@ -314,8 +255,8 @@ class Tails:
             for unit in sorted(touched - {unit for unit, *_ in tail.units}, key=repr):
                 yield f"{where}: it leaves out {site_text(unit)}"
 
-    def _check_unit(self, where: Record, told: tuple[Site, int, int, int, Site | None]) -> None:
-        value, version, level, reads, site = told
+    def _check_unit(self, where: Record, shown: tuple[Site, int, int, int, Site | None]) -> None:
+        value, version, level, reads, site = shown
         history = self._history
         unit = unit_in(history.system, value)
         if unit is None or not history.at_unit(unit, version)[0]:
@@ -334,7 +275,7 @@ class Tails:
         system = self._history.system
         return self._tiles.keeper_of(unit if system.labels is not None else system.place_of(unit))
 
-    def _other_units(self, where: Record, tail: CommitLog) -> Iterator[str]:
+    def _other_units(self, where: Record, tail: free.CommitLog) -> Iterator[str]:
         for unit, version, _, reads, _ in tail.units:
             known = None if unit is None else self._history.reads.get(unit)
             if known is not None and (version, reads) != (len(known) - 1, known[-1]):

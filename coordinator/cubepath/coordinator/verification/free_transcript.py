@@ -22,32 +22,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.wire import messages as wire
-from cubepath.protocol.wire.free_messages import (
-    Commit,
-    CommitLog,
-    Decision,
-    Entered,
-    EnterRequest,
-    Forwarded,
-    Forwards,
-    FreeMessage,
-    Halted,
-    Held,
-    Hold,
-    Inquiry,
-    PlaceState,
-    Replies,
-    Requests,
-    Settled,
-    TileQuery,
-    TileUpdate,
-    Turn,
-    Turns,
-    decode_free,
-    free_kind,
-    free_sender,
-)
+from cubepath.protocol.wire import free_messages as free, messages as wire
 from cubepath.protocol.wire.keys import Tiles
 
 AttemptId: TypeAlias = Name
@@ -63,8 +38,8 @@ class KeeperPart(NamedTuple):
     """The keeper that says it."""
     to: int
     """The keeper or the process to which it is sent."""
-    part: Forwarded | Decision | Inquiry | Settled | Entered
-    told: bool
+    part: free.Forwarded | free.Decision | free.Inquiry | free.Settled | free.Entered
+    to_process: bool
     """Whether it is sent to a process."""
 
 
@@ -80,14 +55,14 @@ class FreeTranscript:
     """The attempts whose commit a keeper reports to know, with that keeper."""
     shown: dict[Site, free_asked.ShownVersions] = field(default_factory=dict)
     """By place what was shown of it."""
-    turns: free_asked.TurnNumbers = field(default_factory=free_asked.TurnNumbers)
+    turns: free_asked.HashedNames = field(default_factory=free_asked.HashedNames)
+    """Each with the number of its attempt, -1 if it makes none."""
     gave_up: set[str] = field(default_factory=set)
     """Which modules gave up, with their reasons."""
     entered: set[tuple[int, int]] = field(default_factory=set)
     """The modules with their incarnations that asked where they stand."""
-    stands: dict[tuple[int, int], Site] = field(default_factory=dict)
-    """The first place that a module was told it stands at, by module and epoch."""
-    holds: free_asked.AskedHolds = field(default_factory=free_asked.AskedHolds)
+    stands: dict[tuple[int, int], tuple[int, Site]] = field(default_factory=dict)
+    """By module and epoch, its first version of which it was told, and where it stood then."""
     looks: set[tuple[int, str]] = field(default_factory=set)
     """Tiles of which all was asked for, with the keeper that was asked."""
     losses: Losses = field(default_factory=Losses)
@@ -101,7 +76,7 @@ class FreeTranscript:
         summary = self.results.summary
         return summary is not None and summary.ended in ("failed", "interrupted")
 
-    def after_the_end(self, decision: Decision) -> bool:
+    def after_the_end(self, decision: free.Decision) -> bool:
         """Return whether a commit may have come too late for the record of a run that broke off."""
         moved = decision.commit
         if moved is None or not self.broken_off:
@@ -126,13 +101,13 @@ class FreeReading:
             name: most for name, most in zip(_LIMITED, limits, strict=True) if most is not None
         }
         self._limits: dict[type[msgspec.Struct], tuple[tuple[str, int], ...]] = {}
-        """What messages and parts of a kind have of what a run has only so many of."""
+        """The numbers of modules, processes and keepers that messages and parts of a kind name."""
         self._by_wall = recording.parameters.get("log_time") == "wall"
         self._whole = not recording.problems and not is_cut_off(recording)
         self._level = 0
         self._highest = self._count = 0
         self._moves = SharedMoves()
-        self._topics: dict[tuple[type[FreeMessage], int, int], tuple[str, str]] = {}
+        self._topics: dict[tuple[type[free.FreeMessage], int, int], tuple[str, str]] = {}
 
     def read(self, recording: Recording) -> FreeTranscript:
         """Read all messages."""
@@ -149,7 +124,7 @@ class FreeReading:
 
     def _take(self, record: Record) -> None:
         try:
-            message = decode_free(record.data)
+            message = free.decode_free(record.data)
         except InputError as error:
             self._fail("messages", f"{record}: {error}")
             return
@@ -161,20 +136,20 @@ class FreeReading:
         self.found.losses.take(record, message, sender, self._fail)
         self._sort(record, message)
 
-    def _topic(self, message: FreeMessage) -> tuple[str, str]:
+    def _topic(self, message: free.FreeMessage) -> tuple[str, str]:
         """Return the topic of a message, and the sender in it."""
         key = type(message), getattr(message, "keeper", 0), getattr(message, "process", 0)
         known = self._topics.get(key)
         if known is None:
-            sender = free_sender(message)
-            known = self._topics[key] = f"{free_kind(message)}/{sender}", sender
+            sender = free.free_sender(message)
+            known = self._topics[key] = f"{free.free_kind(message)}/{sender}", sender
         return known
 
-    def _check_time(self, record: Record, message: FreeMessage) -> None:
+    def _check_time(self, record: Record, message: free.FreeMessage) -> None:
         before = self._level
-        if isinstance(message, Commit | CommitLog):
-            told = message.parts if isinstance(message, CommitLog) else (message,)
-            self._level = max([before, *(moved.level for moved in told)])
+        if isinstance(message, free.Commit | free.CommitLog):
+            commits = message.parts if isinstance(message, free.CommitLog) else (message,)
+            self._level = max([before, *(moved.level for moved in commits)])
         due = record.wall_ns if self._by_wall else self._level
         if self._whole and record.round != due:
             what = "its wall time" if self._by_wall else f"the greatest level so far, {due}"
@@ -182,7 +157,7 @@ class FreeReading:
         if not self._whole and not self._by_wall and record.round < before:
             self._fail("messages", f"{record} has log time {record.round} after level {before}")
 
-    def _check_names(self, where: Record, message: FreeMessage) -> None:
+    def _check_names(self, where: Record, message: free.FreeMessage) -> None:
         """Check that keepers, processes and modules are some of the run."""
         parts: Sequence[msgspec.Struct] = getattr(message, "parts", ())
         if self._strays((message, *parts)):
@@ -193,10 +168,12 @@ class FreeReading:
                         self._fail(
                             "messages", f"{where}: {name} {value}, expected less than {most}"
                         )
-        if isinstance(message, Forwards) and message.to == message.keeper:
+        if isinstance(message, free.Forwards) and message.to == message.keeper:
             self._fail("messages", f"{where} says something to itself")
-        if isinstance(message, Requests | Forwards | Replies | Turns | CommitLog):
-            if not parts and not isinstance(message, CommitLog):
+        if isinstance(
+            message, free.Requests | free.Forwards | free.Replies | free.Turns | free.CommitLog
+        ):
+            if not parts and not isinstance(message, free.CommitLog):
                 self._fail("messages", f"{where} is empty")
             if len(parts) > 1 and len(set(map(wire.encode, parts))) < len(parts):
                 self._fail("messages", f"{where} holds a part twice")
@@ -215,60 +192,67 @@ class FreeReading:
                     return True
         return False
 
-    def _sort(self, where: Record, message: FreeMessage) -> None:
-        if isinstance(message, Commit):
+    def _sort(self, where: Record, message: free.FreeMessage) -> None:
+        if isinstance(message, free.Commit):
             self._moved(where, message, announced=True)
-        elif isinstance(message, Turns):
+        elif isinstance(message, free.Turns):
             for turn in message.parts:
-                if not self.found.turns.take(turn):
+                name = turn.module, turn.epoch, turn.turn
+                attempt = -1 if turn.number is None else turn.number
+                if not self.found.turns.take(name, hash(wire.encode(turn)), attempt):
                     self._fail("turns", f"{where}: {turn_text(turn)} comes twice, and differs")
                 if turn.failed is not None:
                     self.found.gave_up.add(f"module_{turn.module}: {turn.failed}")
-        elif isinstance(message, Requests | Forwards | Replies | TileUpdate | CommitLog):
-            self._sort_said(where, message)
-        elif not isinstance(message, Halted):
+        elif isinstance(
+            message, free.Requests | free.Forwards | free.Replies | free.TileUpdate | free.CommitLog
+        ):
+            self._sort_message(where, message)
+        elif not isinstance(message, free.Halted):
             if isinstance(message, wire.Cube | wire.Certified):
                 self._check_level(where, message)
             self._result(message)
 
-    def _sort_said(
-        self, where: Record, message: Requests | Forwards | Replies | TileUpdate | CommitLog
+    def _sort_message(
+        self,
+        where: Record,
+        message: free.Requests | free.Forwards | free.Replies | free.TileUpdate | free.CommitLog,
     ) -> None:
         if not self._whole:
             self._told_early(where, message.parts)
         match message:
-            case Requests():
+            case free.Requests():
                 self._asked(where, message)
-            case Forwards():
+            case free.Forwards():
                 self._passed(message)
-            case Replies():
-                self._told(message)
-            case TileUpdate(parts=places):
+            case free.Replies():
+                self._take_replies(message)
+            case free.TileUpdate(parts=places):
                 self._shown(places, once=True)
-            case CommitLog(keeper=keeper, parts=commits):
+            case free.CommitLog(keeper=keeper, parts=commits):
                 for moved in commits:
                     if moved.keeper != keeper:
                         self._fail("serials", f"{where} tells a commit of keeper_{moved.keeper}")
                     self._moved(where, moved)
 
-    def _passed(self, message: Forwards) -> None:
+    def _passed(self, message: free.Forwards) -> None:
         for part in message.parts:
-            if isinstance(part, Forwarded):
+            if isinstance(part, free.Forwarded):
                 self.found.attempts.take(part.attempt, asked=False)
-            elif isinstance(part, Settled):
+            elif isinstance(part, free.Settled):
                 name = part.module, part.epoch, part.number
                 self.found.acknowledged.add((name, message.keeper))
 
-    def _told(self, message: Replies) -> None:
+    def _take_replies(self, message: free.Replies) -> None:
         for part in message.parts:
-            if isinstance(part, Held):
-                self._shown(part.parts)
-            elif isinstance(part, Entered):
+            if isinstance(part, free.Entered):
                 occupant, site = part.occupant, part.site
                 if site is not None:
-                    self.found.stands.setdefault((occupant.module, occupant.epoch), site)
+                    name = occupant.module, occupant.epoch
+                    known = self.found.stands.get(name)
+                    if known is None or occupant.version < known[0]:
+                        self.found.stands[name] = occupant.version, site
 
-    def _shown(self, parts: Iterable[PlaceState], *, once: bool = False) -> None:
+    def _shown(self, parts: Iterable[free.PlaceState], *, once: bool = False) -> None:
         """Note the versions shown; `once` each place counts in a message."""
         seen: set[Site] = set()
         for part in parts:
@@ -288,26 +272,23 @@ class FreeReading:
     def _told_early(self, where: Record, parts: Iterable[object]) -> None:
         """Take commits from decisions, where the record ends before the commits themselves."""
         for part in parts:
-            if isinstance(part, Decision) and part.commit is not None:
+            if isinstance(part, free.Decision) and part.commit is not None:
                 self._moved(where, part.commit)
 
-    def _asked(self, where: Record, message: Requests) -> None:
+    def _asked(self, where: Record, message: free.Requests) -> None:
         found = self.found
         for part in message.parts:
-            if isinstance(part, TileQuery):
+            if isinstance(part, free.TileQuery):
                 found.looks.add((message.keeper, part.tile))
                 continue
             found.asked_by.setdefault(part.module, set()).add(message.process)
-            if isinstance(part, EnterRequest):
+            if isinstance(part, free.EnterRequest):
                 found.entered.add((part.module, part.incarnation))
-            elif isinstance(part, Hold):
-                if not found.holds.take(message.keeper, part):
-                    self._fail("place", f"{where}: hold {part.number} comes twice, and differs")
             elif not found.attempts.take(part, asked=True):
                 name = attempt_text(free_asked.attempt_name(part))
                 self._fail("attempts", f"{where}: {name} comes twice, and differs")
 
-    def _moved(self, where: Record, moved: Commit, *, announced: bool = False) -> None:
+    def _moved(self, where: Record, moved: free.Commit, *, announced: bool = False) -> None:
         if not self.found.commits.add(moved, announced=announced):
             name = f"commit {moved.serial} of keeper_{moved.keeper}"
             self._fail("serials", f"{where}: {name} comes twice, and differs")
@@ -316,7 +297,7 @@ class FreeReading:
         if self._whole and message.round != self._level:
             self._fail("messages", f"{where} is of level {message.round}, of {self._level}")
 
-    def _result(self, message: FreeMessage) -> None:
+    def _result(self, message: free.FreeMessage) -> None:
         found, results = self.found, self.found.results
         match message:
             case wire.Edges(round=level):
@@ -344,11 +325,11 @@ def attempt_text(name: AttemptId) -> str:
     return f"attempt {number} of module_{module} in epoch {epoch}"
 
 
-def turn_text(turn: Turn) -> str:
+def turn_text(turn: free.Turn) -> str:
     """Return the name of a turn in error messages."""
     return f"turn {turn.turn} of module_{turn.module} in epoch {turn.epoch}"
 
 
-def commit_text(moved: Commit) -> str:
+def commit_text(moved: free.Commit) -> str:
     """Return the name of a commit in error messages."""
     return f"commit {moved.serial} of keeper_{moved.keeper} (module_{moved.module})"

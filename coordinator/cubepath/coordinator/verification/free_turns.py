@@ -92,7 +92,7 @@ class TurnsOfModules:
     ) -> None:
         """Know what was shown; the player plays the turns."""
         self._tiles = tiles
-        self._history, self._said, self._fail = history, transcript, fail
+        self._history, self._transcript, self._fail = history, transcript, fail
         self._player = player
         self._system = history.system
         self._observing = Observing(history.scene)
@@ -108,7 +108,7 @@ class TurnsOfModules:
     def _take(self, turn: Turn) -> None:
         at = self._progress.get(turn.module)
         if at is None:
-            due = self._said.turns.of(turn.module)
+            due = self._transcript.turns.of(turn.module)
             at = self._progress[turn.module] = _Progress(due, next(due))
         name = turn.module, turn.epoch, turn.turn
         if at.next is None or name < at.next:
@@ -137,8 +137,8 @@ class TurnsOfModules:
         self._fail.position = (1,)
         if self._player is not None:
             self._player.end(self._another_choice)
-        for name in self._said.attempts if self._said.turns else ():
-            if not self._answered[self._said.attempts.place(name)]:
+        for name in self._transcript.attempts if self._transcript.turns else ():
+            if not self._answered[self._transcript.attempts.place(name)]:
                 self._lack(name[0], name[1], f"{attempt_text(name)} has no turn")
 
     def _play(self, seen: TurnView, at: _Progress) -> None:
@@ -192,7 +192,7 @@ class TurnsOfModules:
                 turn.module, site, on, notes, note_length=length, register=standing.note
             )
 
-        entered = self._said.stands.get((turn.module, turn.epoch), site)
+        _, entered = self._transcript.stands.get((turn.module, turn.epoch), (0, site))
         return TurnView(turn, site, on, notes, standing.note, fresh, entered, arrays)
 
     def _follows(self, turn: Turn, at: _Progress) -> bool:
@@ -205,10 +205,13 @@ class TurnsOfModules:
         if turn.turn != last + 1:
             at.broken = True
             self._lack(turn.module, turn.epoch, f"{turn_text(turn)} comes after turn {last}")
-        if before is not None and turn.version < before.version:
+        if before is not None and not fresh and turn.version < before.version:
             why = f"{turn_text(turn)}: version {turn.version} after {before.version}"
             self._fail("turns", why)
-        if (turn.module, turn.epoch) not in self._said.stands:
+        # A process that was replaced may wake and see more than its successor did at first: so the
+        # first turn of an epoch comes after what was told at its entry, and not after others.
+        entered = self._transcript.stands.get((turn.module, turn.epoch))
+        if entered is None or turn.version < entered[0]:
             at.broken = True
             why = f"{turn_text(turn)}: it never entered so"
             self._not_shown(turn, why, range(self._tiles.keepers))
@@ -284,7 +287,7 @@ class TurnsOfModules:
         return True
 
     def _was_shown(self, at: Site, version: int, module_version: int | None) -> bool:
-        known = self._said.shown.get(at, _NEVER)
+        known = self._transcript.shown.get(at, _NEVER)
         if version == 0 and not module_version and (0, 0) not in known:
             there = self._history.at_place(at, 0)
             return there is not None and there.site is None  # what was never touched is not shown
@@ -305,22 +308,22 @@ class TurnsOfModules:
             if due is not None:
                 self._fail("turns", f"{turn_text(turn)} makes no attempt of what was chosen")
             return
-        known, numbers = self._said.attempts, self._said.turns
+        known, numbers = self._transcript.attempts, self._transcript.turns
         place = known.get((turn.module, turn.epoch, turn.number))
         if place is None:
             # What came to nothing while the module was thinking was not asked of anyone.
-            after = numbers.attempt((turn.module, turn.epoch, turn.turn + 1))
+            after = numbers.value((turn.module, turn.epoch, turn.turn + 1))
             if after not in (None, -1, turn.number):
                 why = f"{turn_text(turn)}: its attempt {turn.number} is not on record"
                 self._lack(turn.module, turn.epoch, why)
             return
         self._answered[place] = True
-        told = known.turn(place)
-        if told != turn.turn:
-            later = numbers.attempt((turn.module, turn.epoch, told))
-            if later != turn.number or told < turn.turn:
-                why = f"{turn_text(turn)}: attempt {turn.number} says it is of turn {told}"
-                if later is None and told > turn.turn:
+        known_turn = known.turn(place)
+        if known_turn != turn.turn:
+            later = numbers.value((turn.module, turn.epoch, known_turn))
+            if later != turn.number or known_turn < turn.turn:
+                why = f"{turn_text(turn)}: attempt {turn.number} says it is of turn {known_turn}"
+                if later is None and known_turn > turn.turn:
                     self._lack(turn.module, turn.epoch, why)
                 else:
                     self._fail("turns", why)

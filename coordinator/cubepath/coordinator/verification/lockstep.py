@@ -65,10 +65,10 @@ def verify_lockstep(
     sorting = Sorting(recording, failures.stage(0), pacing.take)
     transcript = sorting.found
     parameters.check_parameters(recording, failures.stage(0))
-    told = recording.parameters
+    recorded = recording.parameters
     stages = parameters.stages_in(recording)
-    seed = parameters.seed_in(told)
-    seed_lost = "seed" not in told and bool(recording.problems or RECOVERED in told)
+    seed = parameters.seed_in(recorded)
+    seed_lost = "seed" not in recorded and bool(recording.problems or RECOVERED in recorded)
     if seed is None and not seed_lost:
         failures.stage(1)("claims", "the recording names no seed, so no rank is known")
     derived = Rederivation(recording.scene, seed, failures.stage(1), stages)
@@ -111,8 +111,8 @@ def verify_lockstep(
     )
 
 
-def _moment(number: int, derived: Rederivation, said: RecordedRound) -> Moment:
-    return Moment(number, tuple(derived.sites), frozenset(derived.state), said)
+def _moment(number: int, derived: Rederivation, recorded: RecordedRound) -> Moment:
+    return Moment(number, tuple(derived.sites), frozenset(derived.state), recorded)
 
 
 def _unchecked(playing: RoundPlayer | None, *, seed_lost: bool) -> dict[str, str]:

@@ -15,6 +15,7 @@ from math import inf
 
 import msgspec
 
+from cubepath.coordinator.verification.round_spans import Span, add_to_spans
 from cubepath.coordinator.verification.transcript import RECOVERED, Fail, Transcript
 from cubepath.protocol.recordings.cutting import FILTERED, SPLIT
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT, PART
@@ -29,7 +30,7 @@ _MODULES_MAX = 1 << 20
 _WHOLE = "whole_messages"
 _OF_LOCKSTEP = frozenset(
     (
-        *("wait_for", "repair", "from_round", "what_if", "stages", "live"),
+        *("repair", "from_round", "what_if", "stages", "live"),
         *("parent", "parent_path_digest", "parent_sha256", "faults", "simulated"),
     )
 )
@@ -48,7 +49,7 @@ KNOWN = frozenset(
         *("system", "family", "rule", "seed", "hesitate", "processes", "modules", "max_rounds"),
         *("schedule", "clock", "log_time", "python", "platform", "cubepath", "eclipse-zenoh"),
         *("mcap", "pettingzoo", "numpy", RECOVERED, ATTACHED, PART, *LEFT_OUT, FILTERED, SPLIT),
-        *(_WHOLE, *_OF_LOCKSTEP, *_OF_FREE),
+        *(_WHOLE, "wait_for", *_OF_LOCKSTEP, *_OF_FREE),
     )
 )
 """The names of all parameters that recordings have."""
@@ -60,63 +61,63 @@ _NUMBERS = (
 
 def check_parameters(recording: Recording, fail: Fail) -> None:
     """Check each parameter that is there: its form, and what the scene says of it."""
-    told, scene = recording.parameters, recording.scene
+    parameters, scene = recording.parameters, recording.scene
     modules = len(scene.start)
 
     def wrong(key: str, expected: str) -> None:
-        fail(CHECK, f"{key}={told.get(key)!r}: expected {expected}")
+        fail(CHECK, f"{key}={parameters.get(key)!r}: expected {expected}")
 
     _check_names(recording, wrong)
-    if "hesitate" in told and hesitation_in(told) is None:
+    if "hesitate" in parameters and hesitation_in(parameters) is None:
         wrong("hesitate", "at least 0 and less than 1")
-    if _number(told.get("modules", "")) not in (None, modules):
+    if _number(parameters.get("modules", "")) not in (None, modules):
         wrong("modules", f"{modules}, which start in the scene")
-    if (_number(told.get("processes", "")) or 0) > modules:
+    if (_number(parameters.get("processes", "")) or 0) > modules:
         wrong("processes", f"at most {modules}, one for each module")
     for key, value in (("system", scene.spec), ("family", scene.family)):
-        if told.get(key, value) != value:
+        if parameters.get(key, value) != value:
             wrong(key, f"{value!r}, as in the scene")
     _check_clock(recording, wrong)
     _check_schedule(recording, wrong)
 
 
 def _check_names(recording: Recording, wrong: Callable[[str, str], None]) -> None:
-    told = recording.parameters
+    parameters = recording.parameters
     others = _OF_LOCKSTEP if recording.clock == "free" else _OF_FREE
-    for key in sorted(told.keys() - KNOWN):
+    for key in sorted(parameters.keys() - KNOWN):
         wrong(key, "no parameter of this name, which no run has")
-    for key in sorted(told.keys() & others):
+    for key in sorted(parameters.keys() & others):
         wrong(key, f"none of this name in a run with clock={recording.clock}")
     for key, other in _BESIDE.items():
-        if key in told and other not in told:
+        if key in parameters and other not in parameters:
             wrong(key, f"none without {other}")
-    if "wait_for" in told and "processes" in told:
+    if "wait_for" in parameters and "processes" in parameters:
         wrong("wait_for", "none beside processes")
     for key in _NUMBERS:
-        if key in told and _number(told[key]) is None:
+        if key in parameters and _number(parameters[key]) is None:
             wrong(key, "a whole number of at least 0")
 
 
 def _check_clock(recording: Recording, wrong: Callable[[str, str], None]) -> None:
-    told = recording.parameters
-    if told.get("clock", "lockstep") != recording.clock:
+    parameters = recording.parameters
+    if parameters.get("clock", "lockstep") != recording.clock:
         wrong("clock", f"{recording.clock!r}, as {recording.format} has it")
     if recording.clock == "free":
         _check_free(recording, wrong)
     logical = "level" if recording.clock == "free" else "round"
-    if told.get("log_time", logical) not in (logical, "wall"):
+    if parameters.get("log_time", logical) not in (logical, "wall"):
         wrong("log_time", f"'{logical}' or 'wall'")
 
 
 def _check_free(recording: Recording, wrong: Callable[[str, str], None]) -> None:
-    told = recording.parameters
+    parameters = recording.parameters
     if keepers_of(recording) is None:
         wrong("keepers", f"how many there were, 1 to {Tiles.keepers_max}")
-    if told.get("on_crash", "stop") not in ("stop", "continue", "restart"):
+    if parameters.get("on_crash", "stop") not in ("stop", "continue", "restart"):
         wrong("on_crash", "stop, continue or restart")
-    if "jitter" in told and _factor(told["jitter"]) is None:
+    if "jitter" in parameters and _factor(parameters["jitter"]) is None:
         wrong("jitter", "a number of at least 0")
-    pairs = [each.partition("=") for each in told.get("speeds", "").split(",") if each]
+    pairs = [each.partition("=") for each in parameters.get("speeds", "").split(",") if each]
     if any(
         (_number(module) is None or int(module) >= len(recording.scene.start))
         or not _factor(factor)
@@ -126,12 +127,12 @@ def _check_free(recording: Recording, wrong: Callable[[str, str], None]) -> None
 
 
 def _check_schedule(recording: Recording, wrong: Callable[[str, str], None]) -> None:
-    told = recording.parameters
-    if recording.schedule is not None and told.get("rule", "schedule") != "schedule":
+    parameters = recording.parameters
+    if recording.schedule is not None and parameters.get("rule", "schedule") != "schedule":
         wrong("rule", "'schedule', since there is one on record")
-    if recording.schedule is None and told.get("rule") == "schedule":
+    if recording.schedule is None and parameters.get("rule") == "schedule":
         wrong("rule", "a schedule on record, which modules carried out")
-    if "schedule" in told and hesitation_in(told):
+    if "schedule" in parameters and hesitation_in(parameters):
         wrong("hesitate", "0, since a schedule has a round for every cube")
 
 
@@ -213,12 +214,9 @@ def spans(modules: Iterable[int]) -> str:
     >>> spans([0, 1, 2, 3, 7])
     '0-3,7'
     """
-    found: list[list[int]] = []
+    found: list[Span] = []
     for module in sorted(modules):
-        if found and found[-1][1] == module - 1:
-            found[-1][1] = module
-        else:
-            found.append([module, module])
+        add_to_spans(found, module)
     return ",".join(f"{one}-{last}" if one < last else str(one) for one, last in found)
 
 
@@ -229,11 +227,11 @@ def stages_text(stages: tuple[RuleStage, ...]) -> str:
 
 def stages_in(recording: Recording) -> tuple[RuleStage, ...]:
     """Return the stages of a run; none if there are none on record, or something is wrong."""
-    stages = _told(recording.parameters)
+    stages = _stages_named(recording.parameters)
     return stages if stages and _odd(stages, recording) is None else ()
 
 
-def _told(parameters: Mapping[str, str]) -> tuple[RuleStage, ...]:
+def _stages_named(parameters: Mapping[str, str]) -> tuple[RuleStage, ...]:
     return stages_of(parameters.get("stages", "[]"))
 
 
@@ -247,28 +245,33 @@ def stages_of(text: str) -> tuple[RuleStage, ...]:
 
 def check_stages(recording: Recording, transcript: Transcript, fail: Fail) -> None:
     """Check that there are stages where there must be, that they are some, and when they began."""
-    told = recording.parameters
-    stages = _told(told)
+    parameters = recording.parameters
+    stages = _stages_named(parameters)
     if not stages:
-        if "stages" in told or "what_if" in told or told.get("rule") == RECORDED:
-            fail("stages", f"stages={told.get('stages')!r}: expected which rules modules follow")
+        if "stages" in parameters or "what_if" in parameters or parameters.get("rule") == RECORDED:
+            fail(
+                "stages",
+                f"stages={parameters.get('stages')!r}: expected which rules modules follow",
+            )
         return
     why = _odd(stages, recording)
     if why is not None:
         fail("stages", why)
         return
     begins = stages[-1].begins
-    if "what_if" not in told:
+    if "what_if" not in parameters:
         if len(stages) > 1:
             fail("stages", f"a rule took over in round {begins}, and what_if does not name it")
         return
-    if told["what_if"] not in stages[-1].rules:
+    if parameters["what_if"] not in stages[-1].rules:
         fail(
-            "stages", f"what_if={told['what_if']!r}: expected a rule that begins in round {begins}"
+            "stages",
+            f"what_if={parameters['what_if']!r}: expected a rule that begins in round {begins}",
         )
-    if told.get("from_round") != str(begins):
+    if parameters.get("from_round") != str(begins):
         fail(
-            "stages", f"from_round={told.get('from_round')!r}: expected {begins}, as in the stages"
+            "stages",
+            f"from_round={parameters.get('from_round')!r}: expected {begins}, as in the stages",
         )
     over, last = transcript.schedule_over, transcript.complete_rounds
     if over not in (None, begins - 1) or (over is None and last >= begins):
@@ -278,9 +281,9 @@ def check_stages(recording: Recording, transcript: Transcript, fail: Fail) -> No
 
 def _odd(stages: tuple[RuleStage, ...], recording: Recording) -> str | None:
     """Return in one line what is wrong with stages by themselves; None if nothing is."""
-    told, modules = recording.parameters, range(len(recording.scene.start))
-    if recording.schedule is not None or told.get("rule") != RECORDED:
-        return f"there are stages, and rule={told.get('rule')!r}: expected {RECORDED!r}"
+    parameters, modules = recording.parameters, range(len(recording.scene.start))
+    if recording.schedule is not None or parameters.get("rule") != RECORDED:
+        return f"there are stages, and rule={parameters.get('rule')!r}: expected {RECORDED!r}"
     begun = [stage.begins for stage in stages]
     if begun[0] != 1 or sorted(set(begun)) != begun:
         return f"stages begin in rounds {begun}, expected 1 and then later ones"
@@ -296,6 +299,6 @@ def _odd(stages: tuple[RuleStage, ...], recording: Recording) -> str | None:
         if stage.seed < 0 or not 0.0 <= stage.hesitate < 1.0:
             return f"from round {stage.begins} on: seed {stage.seed}, hesitate {stage.hesitate}"
     first = stages[0]
-    if (first.seed, first.hesitate) != (seed_in(told), hesitation_in(told)):
+    if (first.seed, first.hesitate) != (seed_in(parameters), hesitation_in(parameters)):
         return f"seed {first.seed}, hesitate {first.hesitate} in the first stage, not as of the run"
     return None

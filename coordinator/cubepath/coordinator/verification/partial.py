@@ -43,8 +43,8 @@ def why_partial(recording: Recording) -> str | None:
     if whole is not None and not is_beginning(recording):
         what = [parameters[FILTERED]] if FILTERED in parameters else []
         what += [f"part {parameters[SPLIT]}"] if SPLIT in parameters else []
-        told = f" ({'; '.join(what)})" if what else ""
-        return f"{len(recording.records)} of {whole} messages{told}"
+        details = f" ({'; '.join(what)})" if what else ""
+        return f"{len(recording.records)} of {whole} messages{details}"
     begins = parameters.get(ATTACHED, "1")
     if begins == "1":
         return None
@@ -155,9 +155,9 @@ def parts_checked(recording: Recording, record: Record, fail: Fail) -> Iterable[
             free = decode_free(record.data)
             topic, parts = free_topic(free), (free,)
         else:
-            said = decode(record.data)
-            topic, parts = topic_of(said), tuple(parts_of(said))
-            found = (said.round, *(part.round for part in parts))
+            message = decode(record.data)
+            topic, parts = topic_of(message), tuple(parts_of(message))
+            found = (message.round, *(part.round for part in parts))
             other = next((each for each in found if each != record.round), None)
             if other is not None:
                 fail("messages", f"{where} of round {record.round} is of round {other}")
@@ -309,9 +309,9 @@ def _joined(before: findings.Check, message_by_message: findings.Check, why: str
         return message_by_message if before.ok else before
     if before.name in ("readable", "parameters", "messages"):
         return before
-    told = before.detail.removeprefix("not checked: ")
+    detail = before.detail.removeprefix("not checked: ")
     # The closing messages may stand behind the hole.
-    details = [why] if before.checked or before.detail == findings.NO_END else [why, told]
+    details = [why] if before.checked or before.detail == findings.NO_END else [why, detail]
     return findings.Check(
         before.name, ok=True, detail="; ".join(filter(None, details)), checked=False
     )

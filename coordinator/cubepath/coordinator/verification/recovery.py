@@ -141,8 +141,8 @@ def _silent(recording: Recording, reported: Mapping[int, set[int]]) -> Iterator[
     modules = len(recording.scene.start)
     silent = set(range(modules)).difference(*reported.values())
     if silent and is_beginning(recording):
-        who, rounds = f"module_{min(silent)}", len(reported)
-        yield f"{who}: no report in {rounds} rounds; the system has {modules} modules"
+        name, rounds = f"module_{min(silent)}", len(reported)
+        yield f"{name}: no report in {rounds} rounds; the system has {modules} modules"
 
 
 def _report(recording: Recording, where: str, module: int, begins: Site | None) -> Iterator[str]:

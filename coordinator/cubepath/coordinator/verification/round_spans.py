@@ -37,8 +37,8 @@ def spans_text(spans: Iterable[Span]) -> str:
     >>> spans_text([(1, 3), (7, 7)])
     '1 to 3, 7'
     """
-    told = [f"{low}" if low == high else f"{low} to {high}" for low, high in spans]
-    return ", ".join(told[:_SHOWN]) + (", ..." if len(told) > _SHOWN else "")
+    texts = [f"{low}" if low == high else f"{low} to {high}" for low, high in spans]
+    return ", ".join(texts[:_SHOWN]) + (", ..." if len(texts) > _SHOWN else "")
 
 
 def rounds_text(spans: Sequence[Span]) -> str:

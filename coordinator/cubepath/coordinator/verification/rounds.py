@@ -62,8 +62,8 @@ class Batches:
                     f"round {number}, process_{process}: what it said to region {region} in phase"
                     f" {phase} is numbered {sorted(found)}, not from 0 on",
                 )
-        for who, regions in sorted(gone.items()):
-            self._check_regions(this.said.get(who), regions)
+        for sender, regions in sorted(gone.items()):
+            self._check_regions(this.messages.get(sender), regions)
 
     def _check_process(self, part: wire.Part | wire.Report, process: int) -> None:
         if self._process_of.setdefault(part.module, process) != process:
@@ -76,7 +76,7 @@ class Batches:
     def _check_phase(self, part: wire.Part, phase: str) -> None:
         due = _SAID_IN[wire.kind_of(part)]
         if phase != due:
-            self._fail("bundle", f"{named(part)} is said in phase {phase}, not in {due}")
+            self._fail("bundle", f"{named(part)} was sent in phase {phase}, not in {due}")
 
     def _check_regions(self, part: wire.Part | None, regions: set[str]) -> None:
         due = None if part is None else self._due(part)
@@ -184,7 +184,7 @@ class Rederivation:
         self._batches = Batches(scene.system, fail)
         self._fail = fail
 
-    def round(self, number: int, said: RecordedRound) -> None:
+    def round(self, number: int, recorded: RecordedRound) -> None:
         """Derive a round and check everything sent and reported in it."""
         where = f"round {number}"
         while self._stages and self._stages[0].begins <= number:
@@ -192,27 +192,27 @@ class Rederivation:
             self._seed = stage.seed
             if not stage.heard:
                 self._note_length = 0
-        moves = self._moves(where, said.reports)
+        moves = self._moves(where, recorded.reports)
         self._check_commuting(where, moves)
-        self._check_said(where, said)
-        self._batches.check(number, said)
-        self._check_claims(number, said)
-        self._check_hearing(said)
+        self._check_messages(where, recorded)
+        self._batches.check(number, recorded)
+        self._check_claims(number, recorded)
+        self._check_hearing(recorded)
         before = list(self.sites)
         self._execute(where, moves)
-        self._check_sites(said.reports, before)
+        self._check_sites(recorded.reports, before)
         executed = [
             wire.Executed(module, report.move.generator, report.move.at)
-            for module, report in said.reports.items()
+            for module, report in recorded.reports.items()
             if report.move is not None
         ]
         self.moves += len(executed)
         for move in executed:
             line = [number, move.module, move.generator, move.at]
             self._digest.update(msgspec.json.encode(line) + b"\n")
-        if said.edges is None:
+        if recorded.edges is None:
             self._odd_edges.append((number, _NO_EDGES))
-        elif said.edges.moves != executed:
+        elif recorded.edges.moves != executed:
             self._odd_edges.append((number, "the edges are not the moves reported"))
 
     @property
@@ -278,17 +278,17 @@ class Rederivation:
 
     def _check_sites(self, reports: Mapping[int, wire.Report], before: list[Site]) -> None:
         for module, report in reports.items():
-            for what, told, true in (
+            for what, reported, true in (
                 ("stood", report.before, before[module]),
                 ("stands", report.site, self.sites[module]),
             ):
-                if told != true:
+                if reported != true:
                     self._fail(
-                        "sites", f"{named(report)} says it {what} at {told}, not at {true!r}"
+                        "sites", f"{named(report)} says it {what} at {reported}, not at {true!r}"
                     )
 
-    def _check_said(self, where: str, said: RecordedRound) -> None:
-        for message in said.said.values():
+    def _check_messages(self, where: str, recorded: RecordedRound) -> None:
+        for message in recorded.messages.values():
             if isinstance(message, wire.Note):
                 self._check_note(message)
             if message.site != self.sites[message.module]:
@@ -298,7 +298,9 @@ class Rederivation:
                     f" {self.sites[message.module]!r}",
                 )
         for module, site in enumerate(self.sites):
-            if ("presence", module) not in said.said and self._system.listeners(self._place(site)):
+            if ("presence", module) not in recorded.messages and self._system.listeners(
+                self._place(site)
+            ):
                 self._fail("bundle", f"{where}, module_{module}: no presence")
 
     def _check_note(self, message: wire.Note) -> None:
@@ -313,9 +315,9 @@ class Rederivation:
     def _place(self, site: Site) -> Site:
         return self._system.place_of(site)
 
-    def _check_claims(self, number: int, said: RecordedRound) -> None:
+    def _check_claims(self, number: int, recorded: RecordedRound) -> None:
         claims: Moves = {}
-        for message in said.said.values():
+        for message in recorded.messages.values():
             if not isinstance(message, wire.Claim):
                 continue
             move = self._move(message.module, message.generator, message.at)
@@ -336,7 +338,7 @@ class Rederivation:
         for module in ranked:
             # A claim is executed iff every claim that outranks it and conflicts with it is lost.
             granted[module] = not any(granted.get(rival) for rival in rivals[module])
-        for module, report in said.reports.items():
+        for module, report in recorded.reports.items():
             self._check_outcome(report, claims.get(module), granted.get(module))
             # Rivals that it outranks, and modules that it takes along, wait for its verdict.
             waiting = {
@@ -348,7 +350,7 @@ class Rederivation:
                 waiting |= {source for source, _ in claims[module].motion[1:]}
             self._check_verdict(
                 f"round {number}, module_{module}: verdict",
-                said.said.get(("verdict", module)),
+                recorded.messages.get(("verdict", module)),
                 granted.get(module),
                 {self._place(site) for site in waiting},
             )
@@ -385,9 +387,9 @@ class Rederivation:
         if set(verdict.to) != waiting:
             self._fail("claims", f"{where}: it goes to modules other than those that wait for it")
 
-    def _check_hearing(self, said: RecordedRound) -> None:
+    def _check_hearing(self, recorded: RecordedRound) -> None:
         standing = {self._place(site): module for module, site in enumerate(self.sites)}
-        for module, report in said.reports.items():
+        for module, report in recorded.reports.items():
             place = self._place(self.sites[module])
             near = {standing[other] for other in self._system.sensed(place) if other in standing}
             within = {standing[other] for other in self._system.reach(place) if other in standing}
@@ -399,13 +401,16 @@ class Rederivation:
                 ("verdict", within),
             ):
                 for speaker in speakers - {module}:
-                    message = said.said.get((kind, speaker))
+                    message = recorded.messages.get((kind, speaker))
                     if message is not None and _addressed(message, place):
                         due[kind, speaker] = message
-            self._compare(report, due, said)
+            self._compare(report, due, recorded)
 
     def _compare(
-        self, report: wire.Report, due: Mapping[tuple[str, int], ModuleMessage], said: RecordedRound
+        self,
+        report: wire.Report,
+        due: Mapping[tuple[str, int], ModuleMessage],
+        recorded: RecordedRound,
     ) -> None:
         heard: set[tuple[str, int]] = set()
         for kind, speaker in report.deliveries():
@@ -413,10 +418,10 @@ class Rederivation:
             what = f"{named(report)} says it heard {kind} of module_{speaker}"
             if key in heard:
                 self._fail("deliveries", f"{what} twice")
-            elif key not in said.said:
+            elif key not in recorded.messages:
                 self._fail("deliveries", f"{what}, which was not said")
             elif key not in due:
-                stood = said.said[key].site
+                stood = recorded.messages[key].site
                 self._fail("deliveries", f"{what}, which stood at {stood}: out of earshot")
             heard.add(key)
         for kind, speaker in sorted(due.keys() - heard):

@@ -18,35 +18,20 @@ from cubepath.protocol.recordings.cutting import whole_of
 from cubepath.protocol.recordings.description import ATTACHED
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
+from cubepath.protocol.wire import messages as wire
 from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import (
-    Bundle,
-    Certified,
-    ChosenAction,
-    ChosenActions,
-    Claim,
-    Cube,
-    Edges,
-    Go,
-    Message,
-    ModuleObservation,
-    Note,
-    Observations,
-    Presence,
-    Ready,
-    Refused,
-    Report,
-    Reports,
-    Summary,
-    Verdict,
-    decode,
-    kind_of,
-    parts_of,
-)
 
-ModuleMessage: TypeAlias = Presence | Note | Claim | Verdict
+ModuleMessage: TypeAlias = wire.Presence | wire.Note | wire.Claim | wire.Verdict
 """The messages that a module sends to its neighbours."""
-_PARTS = (Presence, Note, Claim, Verdict, Report, ModuleObservation, ChosenAction)
+_PARTS = (
+    wire.Presence,
+    wire.Note,
+    wire.Claim,
+    wire.Verdict,
+    wire.Report,
+    wire.ModuleObservation,
+    wire.ChosenAction,
+)
 RECOVERED = "recovered"
 """The parameter that says what a recording was recovered from."""
 Fail = Callable[[str, str], None]
@@ -59,8 +44,8 @@ def is_cut_off(recording: Recording) -> bool:
     It was recovered from a damaged one, has some messages of another, or was made from outside by
     somebody who may leave before the run ends.
     """
-    told = recording.parameters
-    return RECOVERED in told or ATTACHED in told or whole_of(recording) is not None
+    parameters = recording.parameters
+    return RECOVERED in parameters or ATTACHED in parameters or whole_of(recording) is not None
 
 
 class OutOfOrder(Exception):  # noqa: N818 - a state of affairs, not an error
@@ -78,10 +63,10 @@ class RecordedRound:
     When the round is closed, both are in the order of their keys. `edges` are the coordinator's.
     """
 
-    said: dict[tuple[str, int], ModuleMessage] = field(default_factory=dict)
-    reports: dict[int, Report] = field(default_factory=dict)
-    edges: Edges | None = None
-    batches: list[Bundle | Reports] = field(default_factory=list)
+    messages: dict[tuple[str, int], ModuleMessage] = field(default_factory=dict)
+    reports: dict[int, wire.Report] = field(default_factory=dict)
+    edges: wire.Edges | None = None
+    batches: list[wire.Bundle | wire.Reports] = field(default_factory=list)
     """What the parts came in."""
 
 
@@ -100,9 +85,9 @@ class ScheduledRound(NamedTuple):
 class Transcript:
     """Everything in a recording that counts for its result, but for the rounds themselves."""
 
-    cubes: dict[int, Cube] = field(default_factory=dict)
+    cubes: dict[int, wire.Cube] = field(default_factory=dict)
     certificate: Certificate | None = None
-    summary: Summary | None = None
+    summary: wire.Summary | None = None
     gap: int = 0
     """The number of messages that are missing before the last one, by their numbers."""
     complete_rounds: int = 0
@@ -122,24 +107,24 @@ class Transcript:
     carried: dict[int, ScheduledRound] = field(default_factory=dict)
     """What each round did, if a schedule was to be carried out."""
 
-    def take(self, message: Cube | Certified | Summary, fail: Fail) -> None:
+    def take(self, message: wire.Cube | wire.Certified | wire.Summary, fail: Fail) -> None:
         """Take what the coordinator says at the end, which it says once."""
         match message:
-            case Cube(index=index):
+            case wire.Cube(index=index):
                 if index in self.cubes:
                     fail("complete", f"cube {index} comes twice")
                 self.cubes.setdefault(index, message)
-            case Certified(certificate=certificate):
+            case wire.Certified(certificate=certificate):
                 if self.certificate is not None:
                     fail("certificate", "the certificate comes twice")
                 self.certificate = certificate
-            case Summary():
+            case wire.Summary():
                 if self.summary is not None:
                     fail("complete", "the summary comes twice")
                 self.summary = message
 
     @property
-    def result(self) -> tuple[Cube, ...]:
+    def result(self) -> tuple[wire.Cube, ...]:
         """Return the cubes in order of their index."""
         return tuple(self.cubes[index] for index in sorted(self.cubes))
 
@@ -151,7 +136,7 @@ class SharedMoves:
         """Begin with none."""
         self._placed: dict[tuple[str, Site], GeneratorPlacement] = {}
 
-    def cube(self, cube: Cube) -> Cube:
+    def cube(self, cube: wire.Cube) -> wire.Cube:
         """Return an equal cube of such moves."""
         return replace(cube, moves=[*map(self._shared, cube.moves)])
 
@@ -174,7 +159,7 @@ class Sorting:
         self,
         recording: Recording,
         fail: Fail,
-        watch: Callable[[Message], object] | None = None,
+        watch: Callable[[wire.Message], object] | None = None,
         *,
         first: int = 1,
         gaps: bool = False,
@@ -211,7 +196,7 @@ class Sorting:
             if message is None:
                 continue
             self._check_form(record, message)
-            if isinstance(message, Bundle | Reports):
+            if isinstance(message, wire.Bundle | wire.Reports):
                 self._round(message.round).batches.append(message)
                 own_rule = self._own_rules.get(message.process)
                 if own_rule is not None:
@@ -222,10 +207,12 @@ class Sorting:
             for part in _parts(record, message, self._fail):
                 self._sort(part)
 
-    def _check_form(self, record: Record, message: Message) -> None:
+    def _check_form(self, record: Record, message: wire.Message) -> None:
         """Check that what modules say is in batches, none of them empty."""
-        batch = isinstance(message, Bundle | Reports | Observations | ChosenActions)
-        if batch and not parts_of(message):
+        batch = isinstance(
+            message, wire.Bundle | wire.Reports | wire.Observations | wire.ChosenActions
+        )
+        if batch and not wire.parts_of(message):
             self._fail("batches", f"{_place(record)} is empty")
         elif isinstance(message, _PARTS):
             self._fail("batches", f"{_place(record)} is in no batch")
@@ -237,7 +224,7 @@ class Sorting:
         for number in sorted(number for number in self._rounds if number < least):
             this = self._rounds.pop(number)
             # The report on them is the same whatever the order of arrival.
-            this.said = dict(sorted(this.said.items()))
+            this.messages = dict(sorted(this.messages.items()))
             this.reports = dict(sorted(this.reports.items()))
             if self._scheduled and this.reports:
                 found.carried[number] = _carried(this.reports)
@@ -262,24 +249,24 @@ class Sorting:
         last = f"round {self.found.complete_rounds}"
         check_complete(self.found, self._fail, last, cut_off=self._cut_off)
 
-    def _sort(self, message: Message) -> None:
+    def _sort(self, message: wire.Message) -> None:
         match message:
-            case Presence() | Note() | Claim() | Verdict() | Report():
-                self._sort_said(message)
-            case Edges(round=number):
+            case wire.Presence() | wire.Note() | wire.Claim() | wire.Verdict() | wire.Report():
+                self._sort_message(message)
+            case wire.Edges(round=number):
                 this = self._round(number)
                 if this.edges is not None:
                     self._fail("edges", f"round {number}: its edges come twice")
                 this.edges = this.edges or message
-            case Go(phase="over", round=number) if self.found.schedule_over is None:
+            case wire.Go(phase="over", round=number) if self.found.schedule_over is None:
                 self.found.schedule_over = number
-            case Ready(phase="join", process=process, rule=str(rule)):
+            case wire.Ready(phase="join", process=process, rule=str(rule)):
                 self._own_rules[process] = rule
-            case Refused(count=count):
+            case wire.Refused(count=count):
                 self.found.refused += count
-            case Cube():
+            case wire.Cube():
                 self.found.take(self._moves.cube(message), self._fail)
-            case Certified() | Summary():
+            case wire.Certified() | wire.Summary():
                 self.found.take(message, self._fail)
             case _:
                 pass
@@ -292,19 +279,19 @@ class Sorting:
             found = self._rounds[number] = RecordedRound()
         return found
 
-    def _sort_said(self, message: ModuleMessage | Report) -> None:
-        check = "reports" if isinstance(message, Report) else "bundle"
+    def _sort_message(self, message: ModuleMessage | wire.Report) -> None:
+        check = "reports" if isinstance(message, wire.Report) else "bundle"
         if not 0 <= message.module < self._modules:
             self._fail(check, f"{named(message)}: there is no such module in this run")
             return
         this = self._round(message.round)
-        known: ModuleMessage | Report
-        if isinstance(message, Report):
+        known: ModuleMessage | wire.Report
+        if isinstance(message, wire.Report):
             known = this.reports.setdefault(message.module, message)
             self._first = min(self._first, message.round)
             self._last = max(self._last, message.round)
         else:
-            known = this.said.setdefault((kind_of(message), message.module), message)
+            known = this.messages.setdefault((wire.kind_of(message), message.module), message)
         # A message sent twice counts once: a part stands in a batch for each region that it goes
         # to.
         if known is not message and known != message:
@@ -322,7 +309,7 @@ class Sorting:
             self._fail("reports", f"round {self._first}: rounds count from 1")
 
 
-def _carried(reports: Mapping[int, Report]) -> ScheduledRound:
+def _carried(reports: Mapping[int, wire.Report]) -> ScheduledRound:
     moves = (report.move for report in reports.values())
     return ScheduledRound(
         frozenset((move.generator, move.at) for move in moves if move is not None),
@@ -330,10 +317,10 @@ def _carried(reports: Mapping[int, Report]) -> ScheduledRound:
     )
 
 
-def _message(record: Record, fail: Fail) -> Message | None:
+def _message(record: Record, fail: Fail) -> wire.Message | None:
     """Return the message of a record; None if it does not decode."""
     try:
-        message = decode(record.data)
+        message = wire.decode(record.data)
     except InputError as error:
         fail("messages", f"message {record.sequence} ({record.topic}): {error}")
         return None
@@ -343,9 +330,9 @@ def _message(record: Record, fail: Fail) -> Message | None:
     return message
 
 
-def _parts(record: Record, message: Message, fail: Fail) -> Sequence[Message]:
+def _parts(record: Record, message: wire.Message, fail: Fail) -> Sequence[wire.Message]:
     """Return the parts of a batch, or the message itself."""
-    parts = parts_of(message)
+    parts = wire.parts_of(message)
     if len({(type(part), getattr(part, "module", None)) for part in parts}) < len(parts):
         fail("batches", f"{_place(record)} holds two parts of a kind of one module")
     for part in parts:
@@ -358,9 +345,9 @@ def _place(record: Record) -> str:
     return f"message {record.sequence} ({record.topic}, round {record.round})"
 
 
-def named(message: ModuleMessage | Report) -> str:
+def named(message: ModuleMessage | wire.Report) -> str:
     """Return the name of a module's message in error messages."""
-    return f"round {message.round}, module_{message.module}: {kind_of(message)}"
+    return f"round {message.round}, module_{message.module}: {wire.kind_of(message)}"
 
 
 def check_complete(found: Transcript, fail: Fail, last: str, *, cut_off: bool) -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Set as AbstractSet
 
+import msgspec
+
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
 
@@ -116,6 +118,39 @@ def action_of_parts(
     # A function beside the class, as `_rebuild` is: what is set here is the class's own.
     object.__setattr__(found, "_hash", hash((support, trace, ends, found.free, found.guards)))
     return found
+
+
+class ActionContents(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True
+):
+    """An action as files list it: the sites of each part; decode it with `site_hook`."""
+
+    support: tuple[Site, ...]
+    trace: tuple[Site, ...]
+    before: tuple[Site, ...]
+    after: tuple[Site, ...]
+    free: tuple[Site, ...] = ()
+    guards: tuple[tuple[Site, Site], ...] = ()
+
+    def action(self, label: str) -> Action:
+        """Return the action; InputError for what contradicts the definition of a generator."""
+        states = self.before, self.after
+        return Action(
+            self.support, self.trace, *states, free=self.free, guards=self.guards, label=label
+        )
+
+
+def contents_of(action: Action, *, reverse: bool = False) -> ActionContents:
+    """Return an action's contents in canonical order; in `reverse` from its second local state."""
+    before, after = action.ends[::-1] if reverse else action.ends
+    return ActionContents(
+        support=in_order(action.support),
+        trace=in_order(action.trace),
+        before=in_order(before),
+        after=in_order(after),
+        free=in_order(action.free),
+        guards=in_order(action.guards),
+    )
 
 
 def _rebuild(

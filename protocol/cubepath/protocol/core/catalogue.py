@@ -7,9 +7,11 @@ Outside a process, a move is named by its generator and where that is placed, a
 `GeneratorPlacement`: in messages, files and schedules.
 """
 
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from operator import add
+from itertools import product
+from operator import add, sub
 from typing import Any, TypeAlias
 
 import msgspec
@@ -56,33 +58,41 @@ Place: TypeAlias = Callable[[str, Cell], Action]
 """Returns the action of a generator, given its name and a translation."""
 
 
+_INTEGERS = frozenset((int,))
+
+
 @dataclass(frozen=True, slots=True)
 class Lattice:
     """A lattice whose sites are integer tuples, of which the first `dimension` translate.
 
-    The remaining entries name the orbit (for lattice edges, the axis). `drawing` says how sites
-    look: "hexagons", "squares" or "edges".
+    The remaining entries name the orbit (for lattice edges, the axis). `drawing` is the style of
+    its pictures. Where `even` is set, coordinates and translations have an even sum. `contacts` are
+    the pairs of touching cells up to translation, each pair both ways.
 
     >>> HEXAGONS.shift((1, 2), (3, -1)), HEXAGONS.between((0, 0), (4, 1))
     ((4, 1), (4, 1))
-    >>> EDGES.check((0, 0, 1))
-    (0, 0, 1)
+    >>> EDGES.check((0, 0, 1)), SQUARES.beside((5, 5))
+    ((0, 0, 1), ((6, 5), (5, 6), (4, 5), (5, 4)))
     """
 
     name: str
     dimension: int
     arity: int
     drawing: str
+    even: bool = False
+    contacts: tuple[tuple[Cell, Cell], ...] = field(default=(), repr=False)
 
     def check(self, site: Site) -> Cell:
         """Return `site` as a cell of this lattice, or raise InputError."""
         if (
             isinstance(site, tuple)
             and len(site) == self.arity
-            and all(type(item) is int for item in site)
+            and {*map(type, site)} <= _INTEGERS
+            and not (self.even and sum(site) % 2)
         ):
             return site
-        raise InputError(f"a site of lattice {self.name} is {self.arity} integers, found {site!r}")
+        what = f"{self.arity} integers" + self.even * " with an even sum"
+        raise InputError(f"a site of lattice {self.name} is {what}, found {site!r}")
 
     def shift(self, cell: Cell, by: Cell) -> Cell:
         """Return the cell translated by `by` (length `dimension`)."""
@@ -92,26 +102,98 @@ class Lattice:
         """Return the translation that takes `origin` to `cell`; None if there is none."""
         if origin[self.dimension :] != cell[self.dimension :]:
             return None
-        return tuple(cell[axis] - origin[axis] for axis in range(self.dimension))
+        return tuple(map(sub, cell[: self.dimension], origin))
+
+    def beside(self, cell: Cell) -> tuple[Cell, ...]:
+        """Return the cells that touch a cell, in the order of `contacts`."""
+        by, tail = cell[: self.dimension], cell[self.dimension :]
+        return tuple(
+            self.shift(other, by) for one, other in self.contacts if one[self.dimension :] == tail
+        )
+
+    def pieces(self, sites: Iterable[Site]) -> int:
+        """Return into how many pieces a set of cells falls, by cells that touch."""
+        rest, count = {self.check(site) for site in sites}, 0
+        while rest:
+            count += 1
+            rest -= self.reached(next(iter(rest)), rest)
+        return count
+
+    def reached(self, cell: Cell, among: Iterable[Cell]) -> set[Cell]:
+        """Return the cells connected to a cell by cells among which they are, and itself."""
+        rest, found, border = {*among} - {cell}, {cell}, [cell]
+        while border:
+            near = rest.intersection(self.beside(border.pop()))
+            rest -= near
+            found |= near
+            border += near
+        return found
 
 
-HEXAGONS = Lattice("hexagons", dimension=2, arity=2, drawing="hexagons")
-"""The triangular lattice of hexagonal cells, in axial coordinates ``(q, r)``."""
-SQUARES = Lattice("squares", dimension=2, arity=2, drawing="squares")
-"""The square lattice, of cells ``(x, y)``."""
-EDGES = Lattice("edges", dimension=2, arity=3, drawing="edges")
-"""The edges ``(x, y, axis)`` of the square lattice: from ``(x, y)`` one step along the axis."""
-LATTICES = {lattice.name: lattice for lattice in (HEXAGONS, SQUARES, EDGES)}
+def _faces(*directions: Cell) -> tuple[tuple[Cell, Cell], ...]:
+    """Return the contacts of cells that touch in these directions."""
+    return tuple(((0,) * len(by), by) for by in directions)
+
+
+def _vertices(dimension: int) -> tuple[tuple[Cell, Cell], ...]:
+    """Return the contacts of the edges of a lattice that share a vertex."""
+
+    def ends(edge: Cell) -> set[Cell]:
+        *first, along = edge
+        last = (number + (axis == along) for axis, number in enumerate(first))
+        return {tuple(first), tuple(last)}
+
+    axes = [(0,) * dimension + (axis,) for axis in range(dimension)]
+    near = [(*by, *axis[-1:]) for axis in axes for by in product((-1, 0, 1), repeat=dimension)]
+    return tuple(
+        (one, other) for one in axes for other in near if len(ends(one) & ends(other)) == 1
+    )
+
+
 HEX_DIRECTIONS: tuple[tuple[int, int], ...] = ((1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1))
 """The six directions of the hexagonal lattice in axial coordinates, counter-clockwise."""
+HEXAGONS = Lattice("hexagons", 2, 2, "hexagons", contacts=_faces(*HEX_DIRECTIONS))
+"""The triangular lattice of hexagonal cells, in axial coordinates ``(q, r)``."""
+SQUARES = Lattice("squares", 2, 2, "squares", contacts=_faces((1, 0), (0, 1), (-1, 0), (0, -1)))
+"""The square lattice, of cells ``(x, y)``."""
+EDGES = Lattice("edges", 2, 3, "edges", contacts=_vertices(2))
+"""The edges ``(x, y, axis)`` of the square lattice: from ``(x, y)`` one step along the axis. Two
+touch at a vertex, as they do in three dimensions."""
+_STEPS = tuple(product((1, 0, -1), repeat=3))
+CUBES = Lattice(
+    "cubes", 3, 3, "cubes", contacts=_faces(*(by for by in _STEPS if sum(map(abs, by)) == 1))
+)
+"""The cubic lattice, of cells ``(x, y, z)``; a cell touches six others, at its faces."""
+DODECAHEDRA = Lattice(
+    "dodecahedra",
+    3,
+    3,
+    "dodecahedra",
+    even=True,
+    contacts=_faces(*(by for by in _STEPS if sum(map(abs, by)) == 2)),
+)
+"""The face-centred cubic lattice, of rhombic dodecahedra around the points ``(x, y, z)`` with an
+even sum; a cell touches twelve others, at ``(1, 1, 0)`` and the like."""
+CUBE_EDGES = Lattice("cube-edges", 3, 4, "cube-edges", contacts=_vertices(3))
+"""The edges ``(x, y, z, axis)`` of the cubic lattice, each one step along its axis."""
+LATTICES = {
+    lattice.name: lattice for lattice in (HEXAGONS, SQUARES, EDGES, CUBES, DODECAHEDRA, CUBE_EDGES)
+}
 
 
-@dataclass(frozen=True, slots=True)
-class Generator:
-    """A generator at the origin of a lattice.
+def lattice_named(name: str, among: Mapping[str, Lattice] = LATTICES) -> Lattice:
+    """Return the lattice of this name; InputError if there is none."""
+    if name not in among:
+        raise InputError(f"unknown lattice {name!r}, expected one of {', '.join(among)}")
+    return among[name]
+
+
+class Generator(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A generator at the origin of a lattice, as in the tables ``[[lattice.generators]]``.
 
     `motion` lists where each module of the trace goes, from `before` to `after`; the first is the
-    mover, the module that proposes. Read backwards, it is the motion of the reverse.
+    mover, the module that proposes. Read backwards, it is the motion of the reverse. In tables it
+    is ``goes``.
 
     >>> cells = (0, 0), (1, 0)
     >>> slide = Generator("slide", cells, cells, cells[:1], cells[1:], (cells,))
@@ -124,7 +206,7 @@ class Generator:
     trace: tuple[Cell, ...]
     before: tuple[Cell, ...]
     after: tuple[Cell, ...]
-    motion: tuple[tuple[Cell, Cell], ...]
+    motion: tuple[tuple[Cell, Cell], ...] = msgspec.field(name="goes")
     free: tuple[Cell, ...] = ()
     guards: tuple[tuple[Cell, Cell], ...] = ()
 
@@ -155,6 +237,11 @@ class Generator:
             guards=[(lattice.shift(a, by), lattice.shift(b, by)) for a, b in self.guards],
             label=f"{self.name} at {list(by)}" if by else f"generator {self.name!r}",
         )
+
+    def canonical(self, lattice: Lattice) -> Action:
+        """Return the action that is the same for all translates of a generator, and its reverse."""
+        corner = [-min(along) for along in zip(*self.support, strict=True)]
+        return self.place(lattice, tuple(corner[: lattice.dimension]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,21 +284,9 @@ class Move:
         return all(source in on for source, _ in self.motion)
 
 
-@dataclass(frozen=True, slots=True)
-class _Template:
-    """A generator in one direction: what a module at `source` can propose."""
-
-    generator: Generator
-    reverse: bool
-
-    @property
-    def source(self) -> Cell:
-        return self.generator.motion[0][1 if self.reverse else 0]
-
-    def motion(self) -> tuple[tuple[Cell, Cell], ...]:
-        if not self.reverse:
-            return self.generator.motion
-        return tuple((after, before) for before, after in self.generator.motion)
+_Template: TypeAlias = tuple[str, tuple[tuple[Cell, Cell], ...]]
+"""A generator in one direction: its name, and where it takes modules, first the one that proposes.
+"""
 
 
 @dataclass(frozen=True)
@@ -236,9 +311,9 @@ class Catalogue:
         names = [generator.name for generator in self.generators]
         if not names:
             raise InputError("a catalogue has at least one generator, found none")
-        twice = [name for name in names if names.count(name) > 1]
-        if twice:
-            raise InputError(f"generator {twice[0]!r} stands twice in the catalogue")
+        twice = next((name for name, count in Counter(names).items() if count > 1), None)
+        if twice is not None:
+            raise InputError(f"generator {twice!r} stands twice in the catalogue")
         for generator in self.generators:
             for cell in generator.support:
                 self.lattice.check(cell)
@@ -246,9 +321,10 @@ class Catalogue:
         object.__setattr__(self, "by_name", dict(zip(names, self.generators, strict=True)))
         templates: dict[Cell, list[_Template]] = {}
         for generator in self.generators:
-            for reverse in (False, True):
-                template = _Template(generator, reverse)
-                templates.setdefault(self.orbit(template.source), []).append(template)
+            back = tuple((after, before) for before, after in generator.motion)
+            for motion in (generator.motion, back):
+                own = templates.setdefault(self.orbit(motion[0][0]), [])
+                own.append((generator.name, motion))
         object.__setattr__(
             self, "templates", {orbit: tuple(found) for orbit, found in templates.items()}
         )
@@ -257,9 +333,7 @@ class Catalogue:
         """Raise InputError if two generators are equal: translated, or read backwards."""
         known: dict[Action, str] = {}
         for generator in self.generators:
-            corner = [-min(along) for along in zip(*generator.support, strict=True)]
-            action = generator.place(self.lattice, tuple(corner[: self.lattice.dimension]))
-            first = known.setdefault(action, generator.name)
+            first = known.setdefault(generator.canonical(self.lattice), generator.name)
             if first != generator.name:
                 raise InputError(
                     f"generator {generator.name!r} equals {first!r}, up to a translation: expected"
@@ -281,14 +355,10 @@ class Catalogue:
         """
         lattice, found = self.lattice, []
         place = place or self.place
-        for template in self.templates.get(self.orbit(cell), ()):
-            by = lattice.between(template.source, cell)
+        for name, ends in self.templates.get(self.orbit(cell), ()):
+            by = lattice.between(ends[0][0], cell)
             if by is None:  # the template is filed under this orbit
-                raise AssertionError(f"{template.generator.name} does not reach {cell}")
-            motion = tuple(
-                (lattice.shift(source, by), lattice.shift(target, by))
-                for source, target in template.motion()
-            )
-            name = template.generator.name
+                raise AssertionError(f"{name} does not reach {cell}")
+            motion = tuple((lattice.shift(a, by), lattice.shift(b, by)) for a, b in ends)
             found.append(Move(place(name, by), name, by, motion))
         return tuple(found)

@@ -1,5 +1,8 @@
 """Errors: one small family; each message says what was found, where, and what was expected."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
+
 _MESSAGE_MAX = 2000
 _BEGIN, _END = 1400, 500
 """Characters of a longer message that are kept: its end says what was expected."""
@@ -41,6 +44,22 @@ class InputError(CubepathError):
     ...     print(error)
     n=0: expected a whole number of at least 1, at most 100000
     """
+
+
+@contextmanager
+def errors_at(where: str) -> Generator[None]:
+    """Put where it is before the message of an InputError that the block raises.
+
+    >>> with errors_at("plan.json"):
+    ...     raise InputError("found no move, expected some")
+    Traceback (most recent call last):
+        ...
+    cubepath.protocol.core.errors.InputError: plan.json: found no move, expected some
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 class OptionError(InputError):

@@ -14,13 +14,26 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
+
+import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, Source, opened
 
+_T = TypeVar("_T")
+_KINDS = {
+    "int": "a whole number",
+    "float": "a decimal number",
+    "str": "a text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
 _COLON = re.compile(rb'"\s*:')
-_KEY_OR_BRACE = re.compile(rb'("(?:[^"\\]|\\.)*")(\s*:)?|[{}]', re.DOTALL)
+_STRING = re.compile(rb'("(?:[^"\\]|\\.)*")(\s*:)?', re.DOTALL)
+_KEY_OR_BRACE = re.compile(_STRING.pattern + rb"|[{}]", re.DOTALL)
 
 
 class _TwiceError(Exception):
@@ -35,6 +48,8 @@ def check_keys(text: bytes, least: int = 1, *, where: str | None = None) -> None
     """
     if text.count(b":") <= least or len(_COLON.findall(text)) <= least:
         return
+    if _no_key_twice(text):
+        return
     try:
         # Numbers are not parsed, however long they are.
         json.loads(
@@ -48,6 +63,34 @@ def check_keys(text: bytes, least: int = 1, *, where: str | None = None) -> None
         line, key = _first_twice(text)
         place = "" if where is None else f"{where}{line}: "
         raise InputError(f"{place}key {key} stands twice in one object, expected once") from None
+
+
+def read_json(source: Source, type_: type[_T]) -> _T:
+    """Return the JSON document in a file; InputError names the file and the place in it.
+
+    A byte order mark is passed over.
+    """
+    with opened(source) as file:
+        path, text = file.path, file.whole().removeprefix(BYTE_ORDER_MARK)
+    try:
+        found = msgspec.json.decode(text, type=type_)
+        check_keys(text, where=f"{path}:")
+    except RecursionError:
+        raise InputError(f"{path}: lists in lists, nested too deeply") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: {error}") from None
+    return found
+
+
+def _no_key_twice(text: bytes) -> bool:
+    """Return whether no key stands twice in all of a text, which is quickly seen in long lists."""
+    met: set[bytes] = set()
+    for found in _STRING.finditer(text):  # its first byte is sought much faster than one of several
+        if found[2] is not None:
+            if found[1] in met or b"\\" in found[1]:
+                return False
+            met.add(found[1])
+    return True
 
 
 def _distinct(pairs: Sequence[tuple[str, object]]) -> None:
@@ -142,3 +185,36 @@ def _check_keys(text: str) -> None:
 def _without_dots(found: re.Match[str]) -> str:
     """Return a part of a key, as a string can be one, on as many lines; nothing for a comment."""
     return "" if found[0][0] == "#" else "s" + "\n" * found[0].count("\n")
+
+
+def converted(table: object, kind: type[_T], where: str) -> _T:
+    """Return a value of a TOML file as of a kind; InputError begins with `where` and the key."""
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        keys = getattr(kind, "__struct_encode_fields__", ())
+        raise InputError(f"{where}{': ' * bool(where)}{mistake_of(error, keys)}") from None
+
+
+def mistake_of(error: msgspec.ValidationError, keys: Sequence[str] = ()) -> str:
+    """Return what is wrong in a table, after the key where it is; `keys` are those it may have.
+
+    >>> try:
+    ...     msgspec.convert({"n": [1, "x"]}, dict[str, list[int]])
+    ... except msgspec.ValidationError as error:
+    ...     print(mistake_of(error))
+    [...][1]: expected a whole number, found a text
+    """
+    what, _, place = str(error).partition(" - at `")
+    place = place.strip("$.`")
+    if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):
+        expected = f", expected one of {', '.join(keys)}" if keys and not place else ""
+        what = f"unknown key {unknown[1]!r}{did_you_mean(unknown[1], keys)}{expected}"
+    what = re.sub(r"Object missing required field `(.*)`", r"key '\1' is missing", what)
+    what = re.sub(r"^Expected `([^`]*)`(.*), got `?(\w+)`?$", _expected, what)
+    return f"{place}: {what}" if place else what
+
+
+def _expected(found: re.Match[str]) -> str:
+    kinds = [_KINDS.get(each, each) for each in found[1].split(" | ") if each != "null"]
+    return f"expected {' or '.join(kinds)}{found[2]}, found {_KINDS.get(found[3], found[3])}"

@@ -14,6 +14,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 
+Thing = TypeVar("Thing", bound=Hashable)
 Site = Hashable
 """What can be on or off: a number, a text, or a tuple of sites."""
 
@@ -55,6 +56,8 @@ def site_hook(kind: type, value: object) -> Site:
 
     Raises ValueError, which msgspec reports with the place of the field.
     """
+    if type(value) is int:
+        return value
     if type(value) is list:
         for item in value:
             if type(item) is not int:
@@ -74,11 +77,6 @@ def sites_from_json(values: Iterable[object]) -> tuple[Site, ...]:
     return tuple(site_from_json(value) for value in values)
 
 
-def pairs_from_json(values: Iterable[tuple[object, object]]) -> tuple[tuple[Site, Site], ...]:
-    """Return the pairs of sites that pairs of JSON values stand for."""
-    return tuple((site_from_json(one), site_from_json(other)) for one, other in values)
-
-
 def to_json(value: object) -> Any:
     """Return a site, or nested tuples of sites, in JSON form: tuples become lists."""
     if isinstance(value, tuple):
@@ -96,8 +94,8 @@ def site_text(site: Site) -> str:
     return _encode(site).decode()
 
 
-def in_order(sites: Iterable[Site]) -> tuple[Site, ...]:
-    """Return the sites in canonical order, which depends on their content alone.
+def in_order(sites: Iterable[Thing]) -> tuple[Thing, ...]:
+    """Return sites, or pairs of sites, in canonical order, which depends on their content alone.
 
     >>> in_order({(1, 0), (0, 2), (0, 1)})
     ((0, 1), (0, 2), (1, 0))
@@ -127,9 +125,6 @@ def _order(site: Site) -> tuple[object, ...]:
     if isinstance(site, str):
         return (1, site)
     return (0, site)
-
-
-Thing = TypeVar("Thing", bound=Hashable)
 
 
 class Ordinals(dict[Thing, int]):

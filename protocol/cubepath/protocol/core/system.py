@@ -25,10 +25,10 @@ from collections.abc import (
 )
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.catalogue import Catalogue, Move
+from cubepath.protocol.core.catalogue import Catalogue, GeneratorPlacement, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 
@@ -53,20 +53,6 @@ class VehicleGraph:
     index: Mapping[Site, int]
     near: Mapping[Site, tuple[Site, ...]]
     edges: tuple[tuple[Site, Site], ...]
-
-
-class Placed(Protocol):
-    """What names an action: a generator, and its place as JSON has it."""
-
-    @property
-    def generator(self) -> str:
-        """The name of the generator."""
-        ...
-
-    @property
-    def at(self) -> Site:
-        """Where it is placed."""
-        ...
 
 
 EMPTY, MODULE, FILLED, CLOSED = 0, 1, 2, 3
@@ -128,8 +114,8 @@ class System(ABC):
     empty: frozenset[Site] = frozenset()
     """Obstacles that are off."""
     drawing: str
-    """How places look, as a style of pictures: "hexagons", "squares", "map", "edges", "graph",
-    "chords" or "letters"."""
+    """How places look, as a style of pictures: "hexagons", "squares", "map", "edges", "cubes",
+    "dodecahedra", "cube-edges", "chords" or "letters"; with any other, as a graph."""
     places: tuple[Site, ...] = ()
     """The places that a picture shows wherever the modules are: all places of a finite system."""
     positions: Mapping[Site, tuple[float, float]] = MappingProxyType({})
@@ -211,8 +197,8 @@ class System(ABC):
         It is the same object each time, and the one in `moves`, while it is cached (`KEPT`).
         """
 
-    def read_action(self, placed: Placed) -> Action:
-        """Return the action of a generator and a place in JSON form; InputError if unknown."""
+    def read_action(self, placed: GeneratorPlacement) -> Action:
+        """Return the action of a generator and a place; InputError if unknown."""
         return self.action(placed.generator, placed.at)
 
     def move_named(self, site: Site, generator: str, at: Site) -> Move | None:
@@ -426,7 +412,8 @@ class Scene:
 
     `start` lists the site of module 0, 1, ...; `goal` holds the sites that are on at the end, or is
     None; `goals` lists what each module knows of it from the start (for vehicles one vertex, for a
-    chain of hexagons all its cells in order). Where there is a `goal`, all of that is in it.
+    chain of hexagons all its cells in order). Where there is a `goal`, all of that is in it. `rule`
+    is the rule that runs have by default, if it is not that of the family.
 
     >>> scene = scene_from_spec("hex:n=3")
     >>> scene.start, sorted(scene.goal), scene.modules
@@ -439,6 +426,7 @@ class Scene:
     start: tuple[Site, ...]
     goal: frozenset[Site] | None = None
     goals: tuple[tuple[Site, ...], ...] = field(default=())
+    rule: str = ""
 
     def __post_init__(self) -> None:
         """Check that modules start on distinct free places and that the goal is possible."""
@@ -538,6 +526,12 @@ class Scene:
     def start_state(self) -> frozenset[Site]:
         """Return the sites that are on at the start, occupied obstacles included."""
         return frozenset(self.start) | self.system.filled
+
+    def can_begin(self) -> bool:
+        """Return whether any module can move at the start."""
+        state = self.start_state
+        moves = (move for site in self.start for move in self.system.moves_at(site))
+        return any(move.possible(state) for move in moves)
 
     def reached(self, sites: Iterable[Site]) -> bool:
         """Return whether modules at these sites are at the goal; False if there is none."""

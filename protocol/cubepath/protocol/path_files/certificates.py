@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, errors_at
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.sites import Site, site_hook
@@ -74,10 +74,8 @@ def read_certificate(source: Source) -> Certificate:
     """
     with opened(source) as file:
         text = file.whole()
-    try:
+    with errors_at(str(file.path)):
         return certificate_from_json(text)
-    except InputError as error:
-        raise InputError(f"{file.path}: {error}") from None
 
 
 def write_certificate(path: Path | str, certificate: Certificate) -> None:

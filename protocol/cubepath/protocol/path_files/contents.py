@@ -18,15 +18,6 @@ from numpy.typing import NDArray
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files import scanning
 from cubepath.protocol.path_files.moves import NAME
-from cubepath.protocol.path_files.scanning import (
-    ID_BYTES,
-    MENTIONS,
-    SITE_BYTES,
-    SITES,
-    TEXT_BYTES,
-    TEXTS,
-    Texts,
-)
 from cubepath.protocol.path_files.supports import (
     GrowingRows,
     SupportRows,
@@ -102,7 +93,7 @@ class _Reading:
         """Begin to read this many bytes."""
         # Asked for at once: a large file is for compiled code from its first piece on.
         self._scan = scanning.scan.for_work(size * _STEPS_A_BYTE, by_entries=True)
-        self._texts = Texts(
+        self._texts = scanning.Texts(
             slots=_none(np.int64),
             rows=np.zeros((0, 5), dtype=np.int64),
             arena=_none(np.uint8),
@@ -144,7 +135,7 @@ class _Reading:
         ids = np.empty(len(piece), dtype=np.uint8)
         value = np.zeros(10, dtype=np.int64)
         totals = self._texts.totals
-        totals[ID_BYTES] = totals[MENTIONS] = 0
+        totals[scanning.ID_BYTES] = totals[scanning.MENTIONS] = 0
         line = 0
         while line < len(ends):
             self._make_room(longest)
@@ -153,7 +144,7 @@ class _Reading:
                 raise OddError(f"line {-line} of a piece")
         found = moves[moves >= 0]
         self._moves.append(found)
-        self._ids += _ids(b"[" + ids[: max(int(totals[ID_BYTES]) - 1, 0)].tobytes() + b"]")
+        self._ids += _ids(b"[" + ids[: max(int(totals[scanning.ID_BYTES]) - 1, 0)].tobytes() + b"]")
         self._decode_sites()
         self._number_actions()
         return len(found)
@@ -161,23 +152,23 @@ class _Reading:
     def _make_room(self, size: int) -> None:
         """Make room for another line of this size, and twice as much as there was."""
         texts, totals = self._texts, self._texts.totals
-        count, sites = int(totals[TEXTS]) + 2, int(totals[SITES]) + size + 2
+        count, sites = int(totals[scanning.TEXTS]) + 2, int(totals[scanning.SITES]) + size + 2
         rows = _longer(texts.rows, count)
         self._texts = texts._replace(
             slots=_hashed(texts.slots, count),
             rows=rows,
-            arena=_longer(texts.arena, int(totals[TEXT_BYTES]) + size),
+            arena=_longer(texts.arena, int(totals[scanning.TEXT_BYTES]) + size),
             first=_longer(texts.first, len(rows)),
             parts_at=_longer(texts.parts_at, 4 * len(rows) + 1),
-            mentions=_longer(texts.mentions, int(totals[MENTIONS]) + size),
+            mentions=_longer(texts.mentions, int(totals[scanning.MENTIONS]) + size),
             site_slots=_hashed(texts.site_slots, sites),
-            site_arena=_longer(texts.site_arena, int(totals[SITE_BYTES]) + size),
+            site_arena=_longer(texts.site_arena, int(totals[scanning.SITE_BYTES]) + size),
             site_at=_longer(texts.site_at, sites),
         )
 
     def _decode_sites(self) -> None:
         """Find out which sites the texts mean that were not met before."""
-        texts, known, count = self._texts, self._decoded, int(self._texts.totals[SITES])
+        texts, known, count = self._texts, self._decoded, int(self._texts.totals[scanning.SITES])
         if known == count:
             return
         begin, end = texts.site_at[[known, count]].tolist()
@@ -197,10 +188,10 @@ class _Reading:
 
     def _number_actions(self) -> None:
         """Find the actions of the texts of contents that were not met before."""
-        texts, begin, stop = self._texts, self._done, int(self._texts.totals[TEXTS])
+        texts, begin, stop = self._texts, self._done, int(self._texts.totals[scanning.TEXTS])
         if begin == stop:
             return
-        count, mentioned = self._actions, int(texts.totals[MENTIONS])
+        count, mentioned = self._actions, int(texts.totals[scanning.MENTIONS])
         extra = np.full(stop - begin, -1, dtype=np.int32)
         named = (np.flatnonzero(texts.rows[begin:stop, 4] < 0)).tolist()
         ids = [self._id(begin + place) for place in named]
@@ -219,8 +210,8 @@ class _Reading:
         meant = self._meant[texts.mentions[:mentioned]]
         number = distinct.for_work(3 * mentioned, by_entries=True)
         parts = texts.parts_at[4 * begin : 4 * stop + 1]
-        told = (self._numbers[begin:stop], self._ends[begin:stop])
-        self._actions = int(number(parts, meant, extra, growing, count, *told))
+        offsets = (self._numbers[begin:stop], self._ends[begin:stop])
+        self._actions = int(number(parts, meant, extra, growing, count, *offsets))
         if self._actions < 0:
             raise OddError("no action")
         for place, each in zip(named, ids, strict=True):

@@ -19,7 +19,7 @@ from typing import Any, Literal, TypeAlias, cast
 import msgspec
 
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, errors_at
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys, parsed_toml
@@ -33,6 +33,8 @@ from cubepath.protocol.path_files.moves import (
 )
 
 FORMAT = "cubepath-durations-1"
+Time: TypeAlias = Fraction | int
+"""An exact time; whole numbers are added and compared much faster than fractions."""
 Number: TypeAlias = int | str
 """A time in a file: an integer, or text such as ``"3/2"`` or ``"1.5"``."""
 
@@ -108,7 +110,7 @@ def time_from(value: Number) -> Fraction:
     return Fraction(text)
 
 
-def time_text(time: Fraction) -> Number:
+def time_text(time: Time) -> Number:
     """Return a time as files and answers write it: an integer, or a text ``p/q``.
 
     >>> time_text(Fraction(4, 2)), time_text(Fraction(3, 2))
@@ -138,10 +140,8 @@ def durations_in_words(texts: Iterable[str]) -> dict[str, Fraction]:
             raise InputError(f"{text}: expected NAME=TIME, as in slide=3/2")
         if name in found:
             raise InputError(f"{text}: {name!r} has a duration already, expected one")
-        try:
+        with errors_at(text):
             found[name] = duration_from(time)
-        except InputError as error:
-            raise InputError(f"{text}: {error}") from None
     return found
 
 
@@ -211,10 +211,8 @@ def _durations(found: _File) -> Durations:
             named[name] = _duration(value, f"{kind}.{name}")
     placed: dict[tuple[str, Site], Fraction] = {}
     for number, move in enumerate(found.moves, 1):
-        try:
+        with errors_at(f"moves {number}.at"):
             key = move.generator, site_from_json(_exact(move.at))
-        except InputError as error:
-            raise InputError(f"moves {number}.at: {error}") from None
         if key in placed:
             where = f"moves {number}: generator {move.generator!r} at {move.at}"
             raise InputError(f"{where} comes twice")
@@ -226,10 +224,8 @@ def _duration(value: object, where: str) -> Fraction:
     if isinstance(value, bool) or not isinstance(value, int | str | Decimal):
         expected = "expected a number such as 2, 1.5 or 3/2"
         raise InputError(f"{where}: found {value!r}, {expected}")
-    try:
+    with errors_at(where):
         return duration_from(str(value))
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
 
 
 def _exact(value: object) -> object:
@@ -260,10 +256,8 @@ def schedule_from_jsonl(text: bytes) -> Cubes:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"no schedule: {error}") from None
     for number, line in enumerate(text.splitlines(), 1):
-        try:
+        with errors_at(f"no schedule: line {number}"):
             check_keys(line)
-        except InputError as error:
-            raise InputError(f"no schedule: line {number}: {error}") from None
     return tuple(by_generator(number, line.moves) for number, line in enumerate(lines, 1))
 
 

@@ -10,7 +10,6 @@ This module reads and writes only the files it is given, and knows nothing of sc
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -18,12 +17,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, errors_at
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.path_files.durations import Number, time_from
+from cubepath.protocol.path_files.durations import Number, Time, time_from
 from cubepath.protocol.path_files.moves import decode_line, write_lines
-from cubepath.protocol.path_files.optimality_proofs import Standing
 from cubepath.protocol.path_files.proof_blocks import BlockReader, BlockWriter
 
 FORMAT = "cubepath-following-1"
@@ -62,6 +60,7 @@ class FollowingHead(
 class FollowingLine(
     msgspec.Struct,
     frozen=True,
+    gc=False,
     omit_defaults=True,
     forbid_unknown_fields=True,
     rename={"source": "from", "target": "to"},
@@ -82,10 +81,10 @@ class FollowingLine(
     after: Place | None = None
 
     @property
-    def times(self) -> tuple[Fraction, Fraction]:
+    def times(self) -> tuple[Time, Time]:
         """When the move begins and ends; in rounds, round 1 is from 0 to 1."""
         if self.round is not None:
-            return Fraction(self.round - 1), Fraction(self.round)
+            return self.round - 1, self.round
         return time_from(self.start or 0), time_from(self.end or 0)
 
 
@@ -129,11 +128,9 @@ def read_following(source: Source) -> FollowingFile:
 
 def _read_head(file: InputFile, numbered: Iterator[tuple[int, bytes]]) -> FollowingHead:
     number, text = next(numbered, (1, b""))
-    try:
+    with errors_at(f"{file.path}:{number}"):
         head = decode_line(_head, text, f'"format": "{FORMAT}", "rule", "vehicles" and "moves"')
         _check_head(head)
-    except InputError as error:
-        raise InputError(f"{file.path}:{number}: {error}") from None
     return head
 
 
@@ -199,7 +196,6 @@ class FollowingProof:
     edges: Sequence[tuple[int, int]]
     refuted: int
     solver: str = ""
-    standing: Standing = "proved"
     variables: NDArray[np.int32] = field(default_factory=_no_variables)
     log: Iterable[bytes] = ()
     schedule: Sequence[Sequence[tuple[int, int]]]
@@ -211,7 +207,7 @@ class _Statement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ends: list[Cell]
     refuted: _Number
     solver: str
-    standing: Standing
+    standing: Literal["proved"] = "proved"
 
 
 def write_following_proof(path: Path | str, proof: FollowingProof) -> None:
@@ -229,15 +225,7 @@ def write_following_proof(path: Path | str, proof: FollowingProof) -> None:
     """
     with written_whole(path) as stream:
         out = BlockWriter(stream, FIRST_LINE)
-        statement = _Statement(
-            proof.rule,
-            list(proof.starts),
-            list(proof.ends),
-            proof.refuted,
-            proof.solver,
-            proof.standing,
-        )
-        out.json("statement", statement)
+        out.statement(proof, _Statement)
         out.json("vertices", list(proof.vertices))
         out.json("edges", list(proof.edges))
         out.variables(proof.variables, _WIDTH)
@@ -264,22 +252,14 @@ def read_following_proof(source: Source) -> FollowingProof:
     """
     with opened(source) as file:
         blocks = BlockReader(file, FIRST_LINE)
-        said = blocks.json("statement", _Statement, keys=6)
+        statement = blocks.json("statement", _Statement, keys=6)
         vertices = blocks.json("vertices", list[Cell])
         edges = blocks.json("edges", list[tuple[_Number, _Number]])
         variables = blocks.variables(_WIDTH)
         log, schedule = blocks.log_and("schedule", list[list[tuple[_Number, _Number]]])
         blocks.end()
+    fields = msgspec.structs.asdict(statement)
+    del fields["standing"]  # a proof has no other
     return FollowingProof(
-        rule=said.rule,
-        starts=said.starts,
-        ends=said.ends,
-        vertices=vertices,
-        edges=edges,
-        refuted=said.refuted,
-        solver=said.solver,
-        standing=said.standing,
-        variables=variables,
-        log=log,
-        schedule=schedule,
+        **fields, vertices=vertices, edges=edges, variables=variables, log=log, schedule=schedule
     )

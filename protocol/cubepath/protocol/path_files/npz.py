@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, errors_at
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, site_from_json, site_hook
@@ -153,8 +153,8 @@ def actions_of(
         marks=np.zeros(len(everything), dtype=np.int8),
     )
     find = distinct.for_work(3 * len(mentions), by_entries=True)
-    told = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=np.int8)
-    if find(parts_at, mentions, extra, growing, 0, *told) != count:
+    counts = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=np.int8)
+    if find(parts_at, mentions, extra, growing, 0, *counts) != count:
         return None
     used = int(growing.starts[count])
     rows = SupportRows(
@@ -172,7 +172,6 @@ def actions_of(
     )
 
 
-_MAGIC = b"PK\x03\x04"
 _MOVES = "cubepath-moves-1"
 _CUBES = "cubepath-cubes-1"
 _T = TypeVar("_T")
@@ -210,23 +209,21 @@ def read_moves_npz(source: Source) -> NumberedPath:
     """
     with opened(source) as file:
         arrays = _read(file, _MOVES)
-    return _refusing(file, lambda: _path(arrays))
+    with errors_at(str(file.path)):
+        return _path(arrays)
 
 
 def read_cubes_npz(source: Source) -> tuple[tuple[CubeName, ...], ...]:
     """Return the cubes in a file as the names of their moves; errors as in `read_moves_npz`."""
     with opened(source) as file:
         arrays = _read(file, _CUBES)
-
-    def cubes() -> tuple[tuple[CubeName, ...], ...]:
+    with errors_at(str(file.path)):
         path = _path(arrays)
         starts = _starts(arrays, "cube_starts", len(path.numbers), least=1).tolist()
         count = len(path.numbers)
         places = _integers(arrays, "places", 0, 1 << 62, size=count).astype(np.int64)
         names = path.cube_names(np.arange(count), places)
         return tuple(tuple(names[begin:end]) for begin, end in pairwise(starts))
-
-    return _refusing(file, cubes)
 
 
 def holds_cubes(source: Source) -> bool:
@@ -292,13 +289,6 @@ def _format(file: InputFile, arrays: Arrays) -> str:
     if found is None or found.ndim or found.dtype.kind != "U":
         raise InputError(f"{file.path}: no array 'format' with a text, expected a file of cubepath")
     return str(found)
-
-
-def _refusing(file: InputFile, make: Callable[[], _T]) -> _T:
-    try:
-        return make()
-    except InputError as error:
-        raise InputError(f"{file.path}: {error}") from None
 
 
 def _path(arrays: Arrays) -> NumberedPath:

@@ -5,7 +5,6 @@ costs one lookup in a dict. Self-contained lines are read straight into arrays, 
 `cubepath.protocol.path_files.contents`; each action of theirs is built when it is asked for.
 """
 
-import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.garbage import collector_paused
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.sites import Site
@@ -162,7 +162,7 @@ class NumberedPath:
                 action = action.labelled(label)
         return PathMove(action, name, action.ends[end] if end >= 0 else None)
 
-    def told_start(self) -> frozenset[Site] | None:
+    def stated_start(self) -> frozenset[Site] | None:
         """Return what is on at the start, as the first move with each site in its support found it.
 
         None if some move does not say what it starts from.
@@ -245,44 +245,18 @@ def number_placements(system: System, placed: Iterable[GeneratorPlacement]) -> N
     return kept.path(None)
 
 
+@collector_paused()
 def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) -> NumberedPath:
-    """Return the path of an iterable of moves.
-
-    The garbage collector waits: what is kept has no cycles, and it would walk it again and again.
-    """
-    collects = gc.isenabled()
-    gc.disable()
-    try:
-        return _numbered(moves, progress)
-    finally:
-        if collects:
-            gc.enable()
-
-
-def _numbered(moves: Iterable[PathMove], progress: Progress | None) -> NumberedPath:
+    """Return the path of an iterable of moves."""
     kept = _Kept()
     names: list[MoveName] = []
-    # By the identity of moves that came just now: their number and end. A reader of a plan gives
-    # the same object for the same move, and then nothing is compared. They are kept meanwhile, so
-    # that no identity comes twice.
-    seen: dict[int, tuple[int, int]] = {}
-    held: list[PathMove] = []
-    again = 0
     rest = iter(moves)
     while some := list(islice(rest, PORTION)):
         for move in some:
-            known = seen.get(id(move))
-            if known is None:
-                known = seen[id(move)] = kept.entry(move)
-                held.append(move)
-            else:
-                again += 1
-            kept.numbers.append(known[0])
-            kept.ends.append(known[1])
+            number, end = kept.entry(move)
+            kept.numbers.append(number)
+            kept.ends.append(end)
             names.append(move.name)
-        if len(held) > 100 * PORTION + again:  # they do not come again
-            seen.clear()
-            held.clear()
         if progress is not None:
             progress(len(some))
     if set(map(type, names)) <= {GeneratorPlacement}:

@@ -14,17 +14,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.actions import Action, ActionContents, contents_of
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.core.sites import Site, in_order, pairs_from_json, sites_from_json, to_json
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.proof_blocks import BlockReader, BlockWriter
 
 FIRST_LINE = b"cubepath proof 1\n"
-Standing: TypeAlias = Literal["proved", "agreed"]
 LadderKind: TypeAlias = Literal["on", "off", "stay"]
 GroupKind: TypeAlias = Literal["at most one", "exactly one"]
 _Number = Annotated[int, msgspec.Meta(ge=0, le=2**31 - 1)]
@@ -72,7 +71,6 @@ class OptimalityProof:
     refuted: int
     cubes: int
     solver: str = ""
-    standing: Standing = "proved"
     moves: Sequence[GeneratorPlacement] | Sequence[Action]
     sites: Sequence[Site] = ()
     variables: NDArray[np.int32] = field(default_factory=_no_variables)
@@ -84,21 +82,12 @@ class OptimalityProof:
 
 class _Statement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     system: str | None
-    start: list[Any]
-    goal: list[Any]
+    start: tuple[Site, ...]
+    goal: tuple[Site, ...]
     refuted: _Number
     cubes: _Number
     solver: str
-    standing: Standing
-
-
-class _OwnMove(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    support: list[Any]
-    trace: list[Any]
-    before: list[Any]
-    after: list[Any]
-    free: list[Any] = []
-    guards: list[tuple[Any, Any]] = []
+    standing: Literal["proved"] = "proved"
 
 
 def write_proof(path: Path | str, proof: OptimalityProof) -> None:
@@ -117,18 +106,9 @@ def write_proof(path: Path | str, proof: OptimalityProof) -> None:
     """
     with written_whole(path) as stream:
         out = BlockWriter(stream, FIRST_LINE)
-        statement = _Statement(
-            proof.system,
-            to_json(tuple(proof.start)),
-            to_json(tuple(proof.goal)),
-            proof.refuted,
-            proof.cubes,
-            proof.solver,
-            proof.standing,
-        )
-        out.json("statement", statement)
+        out.statement(proof, _Statement)
         out.json("moves", [_move_to_json(move) for move in proof.moves])
-        out.json("sites", to_json(tuple(proof.sites)))
+        out.json("sites", list(proof.sites))
         out.variables(proof.variables, 3)
         ladders = [[*each[:3], [int(move) for move in each.members]] for each in proof.ladders]
         out.json("ladders", ladders)
@@ -140,16 +120,8 @@ def write_proof(path: Path | str, proof: OptimalityProof) -> None:
 
 def _move_to_json(move: GeneratorPlacement | Action) -> Any:
     if isinstance(move, GeneratorPlacement):
-        return [move.generator, to_json(move.at)]
-    before, after = move.ends
-    return _OwnMove(
-        support=to_json(in_order(move.support)),
-        trace=to_json(in_order(move.trace)),
-        before=to_json(in_order(before)),
-        after=to_json(in_order(after)),
-        free=to_json(in_order(move.free)),
-        guards=to_json(in_order(move.guards)),
-    )
+        return [move.generator, move.at]
+    return contents_of(move)
 
 
 def read_proof(source: Source) -> OptimalityProof:
@@ -164,28 +136,23 @@ def read_proof(source: Source) -> OptimalityProof:
     ...     system=None, start=[1], goal=[2], refuted=0, cubes=1, moves=[step], schedule=[[0]],
     ... ))
     >>> proof = read_proof("one.proof")
-    >>> proof.start, proof.goal, proof.refuted, proof.standing
-    ((1,), (2,), 0, 'proved')
+    >>> proof.start, proof.goal, proof.refuted
+    ((1,), (2,), 0)
     """
     with opened(source) as file:
         blocks = BlockReader(file, FIRST_LINE)
-        said = blocks.json("statement", _Statement, keys=7)
-        start, goal = blocks.sites(said.start), blocks.sites(said.goal)
-        moves = _moves(blocks, named=said.system is not None)
-        sites = blocks.sites(blocks.json("sites", list[Any]))
+        statement = blocks.json("statement", _Statement, keys=7)
+        moves = _moves(blocks, named=statement.system is not None)
+        sites = blocks.json("sites", tuple[Site, ...])
         variables = blocks.variables(3)
         ladders = blocks.json("ladders", list[tuple[_Number, _Number, LadderKind, list[_Number]]])
         groups = blocks.json("groups", list[tuple[GroupKind, list[_Number]]])
         log, schedule = blocks.log_and("schedule", list[list[_Number]])
         blocks.end()
+    fields = msgspec.structs.asdict(statement)
+    del fields["standing"]  # a proof has no other
     return OptimalityProof(
-        system=said.system,
-        start=start,
-        goal=goal,
-        refuted=said.refuted,
-        cubes=said.cubes,
-        solver=said.solver,
-        standing=said.standing,
+        **fields,
         moves=moves,
         sites=sites,
         variables=variables,
@@ -199,24 +166,11 @@ def read_proof(source: Source) -> OptimalityProof:
 def _moves(blocks: BlockReader, *, named: bool) -> Sequence[GeneratorPlacement] | Sequence[Action]:
     content = blocks.block("moves")
     if named:
-        pairs = blocks.decode(list[tuple[str, Any]], content)
-        places = blocks.sites([at for _, at in pairs])
-        return [GeneratorPlacement(name, at) for (name, _), at in zip(pairs, places, strict=True)]
-    own = blocks.decode(list[_OwnMove], content)
+        pairs = blocks.decode(list[tuple[str, Site]], content)
+        return [GeneratorPlacement(*pair) for pair in pairs]
+    own = blocks.decode(list[ActionContents], content)
     try:
         check_keys(content, 4 * len(own))
-        return [_own_action(number, move) for number, move in enumerate(own)]
+        return [move.action(f"move {number}") for number, move in enumerate(own)]
     except InputError as error:
         raise blocks.error(str(error)) from None
-
-
-def _own_action(number: int, move: _OwnMove) -> Action:
-    return Action(
-        sites_from_json(move.support),
-        sites_from_json(move.trace),
-        sites_from_json(move.before),
-        sites_from_json(move.after),
-        free=sites_from_json(move.free),
-        guards=pairs_from_json(move.guards),
-        label=f"move {number}",
-    )

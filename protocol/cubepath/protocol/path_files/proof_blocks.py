@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, readable
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.core.sites import Site, sites_from_json
+from cubepath.protocol.core.sites import site_hook
 
 LOG_BYTES = 1 << 20
 """The greatest size of a block of the log before compression."""
@@ -45,6 +45,12 @@ class BlockWriter:
         self._blocks = 0
         self._compressor = zstandard.ZstdCompressor(level=3)
         self._put(first_line)
+
+    def statement(self, proof: object, kind: type[msgspec.Struct]) -> None:
+        """Write what a proof says first: those of its attributes that are fields of a struct."""
+        self.json(
+            "statement", msgspec.convert(proof, kind, from_attributes=True, dec_hook=site_hook)
+        )
 
     def json(self, name: str, content: Any) -> None:
         """Write a block that holds JSON."""
@@ -126,13 +132,6 @@ class BlockReader:
         self._name = ""
         self._expected: tuple[str, ...] = ()
 
-    def sites(self, values: Iterable[object]) -> tuple[Site, ...]:
-        """Return the sites of JSON values."""
-        try:
-            return sites_from_json(values)
-        except InputError as error:
-            raise self.error(str(error)) from None
-
     def json(self, name: str, kind: type[_Type], keys: int = 0) -> _Type:
         """Return what the next block holds; an object with this many keys, if it is one."""
         content = self.block(name)
@@ -147,7 +146,7 @@ class BlockReader:
     def decode(self, kind: type[_Type], content: bytes) -> _Type:
         """Return what JSON in the last block holds."""
         try:
-            return msgspec.json.decode(content, type=kind)
+            return msgspec.json.decode(content, type=kind, dec_hook=site_hook)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise self.error(str(error)) from None
 
@@ -209,8 +208,8 @@ class BlockReader:
         try:
             size = zstandard.frame_content_size(payload)
             if not 0 <= size <= most:
-                told = "of unknown length" if size < 0 else f"{size} bytes"
-                raise self.error(f"what it holds is {told}, expected {most} bytes at most")
+                length = "of unknown length" if size < 0 else f"{size} bytes"
+                raise self.error(f"what it holds is {length}, expected {most} bytes at most")
             # Into the size that it claims: what holds more is refused before it is unpacked.
             found: bytes = zstandard.ZstdDecompressor().decompress(payload, allow_extra_data=False)
         except zstandard.ZstdError as error:

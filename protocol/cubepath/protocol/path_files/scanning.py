@@ -27,7 +27,10 @@ TOTALS = 7
 
 _NEWLINE, _SPACE, _TAB, _RETURN, _QUOTE, _COMMA, _COLON = 10, 32, 9, 13, 34, 44, 58
 _OPEN, _BACKSLASH, _CLOSE, _BEGIN, _END = 91, 92, 93, 123, 125
-_ID, _SUPPORT, _TRACE, _BEFORE, _AFTER = 0, 1, 2, 3, 4
+_ID, _TRACE = 0, 2
+_KEYS = b'id"support"trace"before"after"'
+_KEY_AT = (0, 3, 11, 17, 24, 30)
+"""Where each key begins in these, with the quote behind it, and where the last one ends."""
 PROBES = 256
 """Places that a search for a text looks at before it gives up.
 
@@ -109,8 +112,7 @@ def scan(  # noqa: C901, PLR0911, PLR0912, PLR0915, PLR0917 - see above
             key = _key(text, place)
             if key < 0 or value[2 * key + 1] != 0:
                 return -1 - line
-            # The closing quote of the key stands as far behind as the key is long.
-            place += 4 if key == _ID else 9 if key == _SUPPORT else 8 if key == _BEFORE else 7
+            place += 1 + _KEY_AT[key + 1] - _KEY_AT[key]
             place = _blank(text, place)
             if text[at(place)] != _COLON:
                 return -1 - line
@@ -186,41 +188,17 @@ def _blank(text: Bytes, place: int) -> int:
 
 
 @compiled
-def _key(text: Bytes, place: int) -> int:  # noqa: C901, PLR0911, PLR0912 - for each key
+def _key(text: Bytes, place: int) -> int:
     """Return which key stands here in quotes, -1 if none of the five as it is usually written."""
-    if text[at(place)] != _QUOTE:
-        return -1
-    # Each comparison fails at the end of the line at the latest.
-    one, two = (
-        text[at(place + 1)],
-        text[at(place + 2)] if text[at(place + 1)] != _NEWLINE else _NEWLINE,
-    )
-    if one == 105 and two == 100:
-        return _ID if text[at(place + 3)] == _QUOTE else -1
-    if one == 115 and two == 117:
-        rest = (112, 112, 111, 114, 116, 34)
-        for index in range(6):
-            if text[at(place + 3 + index)] != rest[index]:
-                return -1
-        return _SUPPORT
-    if one == 116 and two == 114:
-        tail = (97, 99, 101, 34)
-        for index in range(4):
-            if text[at(place + 3 + index)] != tail[index]:
-                return -1
-        return _TRACE
-    if one == 98 and two == 101:
-        ending = (102, 111, 114, 101, 34)
-        for index in range(5):
-            if text[at(place + 3 + index)] != ending[index]:
-                return -1
-        return _BEFORE
-    if one == 97 and two == 102:
-        last = (116, 101, 114, 34)
-        for index in range(4):
-            if text[at(place + 3 + index)] != last[index]:
-                return -1
-        return _AFTER
+    if text[at(place)] == _QUOTE:
+        for key in range(5):
+            index, end = _KEY_AT[key], _KEY_AT[key + 1]
+            shift = place + 1 - index
+            # Each comparison fails at the end of the line at the latest.
+            while index < end and text[at(shift + index)] == _KEYS[index]:
+                index += 1
+            if index == end:
+                return key
     return -1
 
 

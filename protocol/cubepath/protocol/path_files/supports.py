@@ -162,14 +162,16 @@ class TabledActions(Sequence[Action]):
         row = slice(int(starts[number]), int(starts[number + 1]))
         names = self.supports.sites
         support = [names[site] for site in numbers[row].tolist()]
-        told = says[row].tolist()
+        marked = says[row].tolist()
         return action_of_parts(
             frozenset(support),
-            frozenset([site for site, said in zip(support, told, strict=True) if said & TRACE]),
+            frozenset([site for site, state in zip(support, marked, strict=True) if state & TRACE]),
             (
-                frozenset([site for site, said in zip(support, told, strict=True) if said & FIRST]),
                 frozenset(
-                    [site for site, said in zip(support, told, strict=True) if said & SECOND]
+                    [site for site, state in zip(support, marked, strict=True) if state & FIRST]
+                ),
+                frozenset(
+                    [site for site, state in zip(support, marked, strict=True) if state & SECOND]
                 ),
             ),
             label=self._label(number),
@@ -279,20 +281,20 @@ def distinct(  # noqa: C901, PLR0912, PLR0915, PLR0917 - one pass over each row;
         one = other = 0
         for index in range(start, up):
             site = sites[index]
-            said = marks[site] & ~_MET
-            says[index] = said
-            swapped = (said & TRACE) | (said & FIRST) << 1 | (said & SECOND) >> 1
-            if said != swapped:
+            state = marks[site] & ~_MET
+            says[index] = state
+            swapped = (state & TRACE) | (state & FIRST) << 1 | (state & SECOND) >> 1
+            if state != swapped:
                 changes = True
-                fits = fits and said & TRACE != 0
-            one = (one + _mixed(8 * site + said)) & _MASK
+                fits = fits and state & TRACE != 0
+            one = (one + _mixed(8 * site + state)) & _MASK
             other = (other + _mixed(8 * site + swapped)) & _MASK
         if not (fits and changes):
             return -1
         # The same for both orders of the two local states.
         hashed = _mixed((one + other) & _MASK) & 0x7FFFFFFF
         slot = hashed & mask
-        found = told = -1
+        found = known = -1
         for _ in range(_PROBES):
             here = slots[slot]
             found = (here & _MASK) - 1
@@ -300,23 +302,23 @@ def distinct(  # noqa: C901, PLR0912, PLR0915, PLR0917 - one pass over each row;
                 break
             if here >> 32 == hashed and states[found] != named:
                 begin = int(starts[found])
-                told = _told(sites, says, marks, begin, begin + up - start)
-                told = told if starts[found + 1] - begin == up - start else -1
-                if told >= 0:
+                known = _matching_state(sites, says, marks, begin, begin + up - start)
+                known = known if starts[found + 1] - begin == up - start else -1
+                if known >= 0:
                     break
             slot = (slot + 1) & mask
         for index in range(start, up):
             marks[sites[index]] = 0
-        if found >= 0 and told < 0:
+        if found >= 0 and known < 0:
             return -1
         if found < 0:
-            found, told = count, 0
+            found, known = count, 0
             slots[slot] = hashed << 32 | (count + 1)
             states[count] = not named
             count += 1
             starts[count] = up
         numbers[text] = found
-        ends[text] = -1 if named else told
+        ends[text] = -1 if named else known
     return count
 
 
@@ -329,7 +331,7 @@ def _mixed(number: int) -> int:
 
 
 @compiled
-def _told(sites: Numbers, says: Bytes, marks: Bytes, begin: int, end: int) -> int:
+def _matching_state(sites: Numbers, says: Bytes, marks: Bytes, begin: int, end: int) -> int:
     """Return which local state of an action the marks show as the first one, -1 for none.
 
     The action has the entries from `begin` to `end`, and there are marks on this many sites.

@@ -21,7 +21,9 @@ from pathlib import Path
 
 import msgspec
 
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, errors_at
+from cubepath.protocol.core.parsing import read_json
+from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.plans import imported
 from cubepath.protocol.plans.vehicles import Vehicles, off_targets, planned_path
 from cubepath.protocol.systems.graphs import Graph, graph_round
@@ -49,10 +51,8 @@ def read_cgshop2021(request: imported.PlanRequest) -> imported.ImportedPath:
     companion = imported.only(request, "instance")
     instance, solution = _pair(request, companion)
     obstacles = frozenset(instance.obstacles)
-    try:
+    with errors_at(str(companion)):
         vehicles = Vehicles(instance.starts, lambda cell: cell not in obstacles, called="robot")
-    except InputError as error:
-        raise InputError(f"{companion}: {error}") from None
     rounds = (
         (f"{path}: steps[{number}]", partial(_targets, step, vehicles.at))
         for number, step in enumerate(solution.steps)
@@ -73,8 +73,8 @@ def _graph(companion: Path, instance: _Instance, solution: _Solution) -> Graph:
     named = [*instance.starts, *instance.targets, *instance.obstacles]
     at = list(instance.starts)
     for step in solution.steps:
-        for who, cell in _targets(step, at).items():
-            at[who] = cell
+        for robot, cell in _targets(step, at).items():
+            at[robot] = cell
             named.append(cell)
     return graph_round(str(companion), named, frozenset(instance.obstacles))
 
@@ -82,8 +82,8 @@ def _graph(companion: Path, instance: _Instance, solution: _Solution) -> Graph:
 def _pair(request: imported.PlanRequest, companion: Path) -> tuple[_Instance, _Solution]:
     """Return instance and solution; InputError if they do not belong together."""
     path = request.path
-    instance = imported.decode_file(companion, _Instance)
-    solution = imported.decode_file(request.file, _Solution)
+    instance = read_json(companion, _Instance)
+    solution = read_json(request.file, _Solution)
     if instance.name not in (None, solution.instance):
         raise InputError(
             f"{path}: a solution of {solution.instance!r}, but {companion} is {instance.name!r}"
@@ -100,13 +100,13 @@ def _targets(step: Mapping[str, str], at: Sequence[imported.Cell]) -> dict[int, 
     found: dict[int, imported.Cell] = {}
     for name, letter in step.items():
         if not (_NUMBER.fullmatch(name) and int(name) < len(at)):
-            raise InputError(f"robot {imported.text(name)}: expected a number, 0 to {len(at) - 1}")
+            raise InputError(f"robot {site_text(name)}: expected a number, 0 to {len(at) - 1}")
         if letter not in _DIRECTIONS:
-            raise InputError(f"robot {name} goes {imported.text(letter)}, expected N, E, S or W")
-        who = int(name)
-        if who in found:
-            raise InputError(f"robot {who} is named twice, expected once")
-        x, y = at[who]
+            raise InputError(f"robot {name} goes {site_text(letter)}, expected N, E, S or W")
+        robot = int(name)
+        if robot in found:
+            raise InputError(f"robot {robot} is named twice, expected once")
+        x, y = at[robot]
         dx, dy = _DIRECTIONS[letter]
-        found[who] = (x + dx, y + dy)
+        found[robot] = (x + dx, y + dy)
     return dict(sorted(found.items()))

@@ -26,10 +26,11 @@ from typing import Any
 import msgspec
 
 from cubepath.protocol.core.catalogue import GeneratorPlacement
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, errors_at
+from cubepath.protocol.core.parsing import read_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import ImportedPath, PlanRequest, decode_file, no_system, only
+from cubepath.protocol.plans.imported import ImportedPath, PlanRequest, no_system, only
 from cubepath.protocol.systems import point_sets
 from cubepath.protocol.systems.flips import FlipSystem, flip_of
 
@@ -56,17 +57,14 @@ def read_cgshop2026(request: PlanRequest) -> ImportedPath:
     path = request.path
     no_system(request, "a CG:SHOP 2026 solution, whose instance says what the system is")
     companion = only(request, "instance")
-    instance = decode_file(companion, _Instance)
-    solution = decode_file(request.file, _Solution)
+    instance = read_json(companion, _Instance)
+    solution = read_json(request.file, _Solution)
     _check_pair(request, companion, instance, solution)
     points = _points(companion, instance)
     chosen = _chosen(path, request.values["triangulation"], len(solution.flips))
-    where = f"{companion}: triangulations[{chosen}]"
-    try:
+    with errors_at(f"{companion}: triangulations[{chosen}]"):
         edges = point_sets.distinct_edges(instance.triangulations[chosen], len(points))
         triangles = point_sets.Triangles(points, edges)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
     start = triangles.edges()
     rounds = solution.flips[chosen]
 
@@ -80,10 +78,8 @@ def read_cgshop2026(request: PlanRequest) -> ImportedPath:
                 ) from None
 
     def scene() -> Scene:
-        try:
+        with errors_at(str(companion)):
             system = FlipSystem(points)
-        except InputError as error:
-            raise InputError(f"{companion}: {error}") from None
         return Scene(str(path), "triangulation", system, system.modules_of(start))
 
     def unsolved() -> str | None:
@@ -180,10 +176,8 @@ def _round(triangles: point_sets.Triangles, flips: Sequence[point_sets.Edge]) ->
     taken: dict[tuple[int, ...], point_sets.Edge] = {}
     for given in flips:
         edge = point_sets.edge_of(*given)
-        try:
+        with errors_at(f"flip of {list(given)}"):
             corners = triangles.corners(edge)
-        except InputError as error:
-            raise InputError(f"flip of {list(given)}: {error}") from None
         a, d, b, c = corners
         both = [tuple(sorted(triangle)) for triangle in ((a, b, c), (a, b, d))]
         for triangle in both:

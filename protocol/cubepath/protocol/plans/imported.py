@@ -10,22 +10,20 @@ kept. Every move is checked; the coordinator decides what a following vehicle ma
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import InputFile, Source, opened
-from cubepath.protocol.core.parsing import check_keys
+from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.path_files.numbered import NumberedPath
 
 Cell = tuple[int, int]
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleMove:
+class VehicleMove(msgspec.Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """A vehicle, by its number from 0, that goes along an edge; `round` is the planner's, from 1.
 
     The round is None where the plan only says in which order its moves are made.
@@ -66,13 +64,6 @@ class VehiclePlan:
         return tuple(at)
 
 
-_T = TypeVar("_T")
-
-
-def _solved() -> None:
-    return None
-
-
 @dataclass(frozen=True, slots=True)
 class PlanRequest:
     """A request to a reader: a plan, its companion files, and the values of the format's keys."""
@@ -99,29 +90,17 @@ class ImportedPath:
     returns a line on where the plan does not end as its instance requires, None if it does or
     nothing is required. `vehicles` may be called instead of iterating `moves`, once: it returns the
     plan with the planner's rounds and whatever rotates in them, and raises InputError as `moves`
-    does; None if the plan is not of vehicles on a grid.
+    does; None if the plan is not of vehicles on a grid. `numbered` may be called before both: it
+    returns the path of `moves` as a whole, None if only they can be had or say what is wrong.
     """
 
     moves: Iterator[PathMove]
     rounds: int | None
     scene: Callable[[], Scene]
     labelled_goals: bool = False
-    unsolved: Callable[[], str | None] = _solved
+    unsolved: Callable[[], str | None] = lambda: None
     vehicles: Callable[[], VehiclePlan] | None = None
-
-
-def decode_file(source: Source, type_: type[_T]) -> _T:
-    """Return the JSON document in a file; InputError names the file and the place in it."""
-    with opened(source) as file:
-        path, text = file.path, file.whole()
-    try:
-        found = msgspec.json.decode(text, type=type_)
-        check_keys(text, where=f"{path}:")
-    except RecursionError:
-        raise InputError(f"{path}: lists in lists, nested too deeply") from None
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: {error}") from None
-    return found
+    numbered: Callable[[], NumberedPath | None] = lambda: None
 
 
 def only(request: PlanRequest, what: str) -> Path:
@@ -148,8 +127,3 @@ def no_system(request: PlanRequest, what: str) -> None:
     """Raise InputError if a system is given for a plan that defines its own."""
     if request.system is not None:
         raise InputError(f"{request.path}: {what}, expected no --system")
-
-
-def text(site: Site) -> str:
-    """Return a site as it is written in a file."""
-    return msgspec.json.encode(site).decode()

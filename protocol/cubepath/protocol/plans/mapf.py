@@ -41,19 +41,18 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import cast
 
-from cubepath.protocol.core.errors import InputError
+import numpy as np
+
+from cubepath.protocol.core.errors import InputError, errors_at
 from cubepath.protocol.core.input_files import InputFile, opened
-from cubepath.protocol.plans.imported import (
-    Cell,
-    ImportedPath,
-    PlanRequest,
-    decode_file,
-    no_system,
-    text,
-)
+from cubepath.protocol.core.parsing import read_json
+from cubepath.protocol.core.sites import site_text
+from cubepath.protocol.plans.grid_moves import GridMoves, cells_of
+from cubepath.protocol.plans.imported import Cell, ImportedPath, PlanRequest, no_system
 from cubepath.protocol.plans.vehicles import Vehicles, off_targets, planned_path
 from cubepath.protocol.systems.benchmarks import BenchmarkTask, task_from_scen
 from cubepath.protocol.systems.graphs import Graph, graph_from_map
@@ -89,7 +88,20 @@ class _Plan:
             yield partial(self._targets, step)
 
     def _targets(self, step: int) -> dict[int, Cell]:
-        return {who: cells[step] for who, cells in enumerate(self.paths) if step < len(cells)}
+        return {
+            vehicle: cells[step] for vehicle, cells in enumerate(self.paths) if step < len(cells)
+        }
+
+    def listed(self) -> GridMoves | None:
+        """Return the moves as arrays, None if all agents at all timesteps are too many cells."""
+        sizes = np.array([len(path) for path in self.paths], dtype=np.int64)
+        cells = cells_of(chain.from_iterable(self.paths))
+        if (self.steps + 1) * len(sizes) > 4 * len(cells):
+            return None
+        within = np.minimum(np.arange(self.steps + 1)[:, None], sizes - 1)
+        at = cells[np.cumsum(sizes) - sizes + within]
+        moved = (at[1:] != at[:-1]).any(axis=2)
+        return GridMoves(at[:-1][moved], at[1:][moved], np.cumsum(moved.sum(axis=1)))
 
     def turned(self) -> _Plan:
         """Return the plan with the two numbers of each cell exchanged."""
@@ -119,7 +131,7 @@ def read_agents(request: PlanRequest) -> ImportedPath:
 def read_lists(request: PlanRequest) -> ImportedPath:
     """Read lists of lists of cells; InputError as `ImportedPath` says."""
     path = request.path
-    found = decode_file(request.file, list[list[Cell]])
+    found = read_json(request.file, list[list[Cell]])
     by = request.values["by"]
     if by not in ("agent", "step"):
         raise InputError(f"by={by}: expected agent or step")
@@ -216,7 +228,8 @@ def _lines(file: InputFile) -> Iterator[tuple[int, str]]:
 def _cells(words: str, where: str) -> list[Cell]:
     if not _CELLS.fullmatch(words):
         raise InputError(f"{where}: found {_short(words)}, expected cells '(x,y),(x,y),'")
-    return [(int(x), int(y)) for x, y in _CELL.findall(words)]
+    numbers = np.fromstring(words.replace("(", "").replace(")", ""), dtype=np.int64, sep=",")
+    return list(zip(numbers[::2].tolist(), numbers[1::2].tolist(), strict=True))
 
 
 def _short(words: str) -> str:
@@ -231,11 +244,9 @@ def _imported(request: PlanRequest, plan: _Plan, order: str) -> ImportedPath:
     free = cast("frozenset[Cell]", frozenset(graph.vertices))  # vertices of a map are cells
     plan = _in_order(request, plan, order, free, starts)
     first = [planned[0] for planned in plan.paths]
-    try:
+    with errors_at(str(path)):
         _check_starts(first, plan.starts, starts or ())
         vehicles = Vehicles(first, free.__contains__, called="agent")
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
     known = plan.goals if goals is None else goals[: len(first)]
     return planned_path(
         path,
@@ -248,6 +259,7 @@ def _imported(request: PlanRequest, plan: _Plan, order: str) -> ImportedPath:
         graph=lambda: graph,
         goals=known,
         unsolved=lambda: None if known is None else off_targets(vehicles.at, known, "agent"),
+        listed=plan.listed,
     )
 
 
@@ -259,7 +271,8 @@ def _check_starts(
     for number, (found, start) in enumerate(zip(first, starts, strict=False)):
         if found != start:
             raise InputError(
-                f"agent {number} starts at {text(found)}, in the scenario at {text(start)}"
+                f"agent {number} starts at {site_text(found)}, in the scenario at"
+                f" {site_text(start)}"
             )
 
 

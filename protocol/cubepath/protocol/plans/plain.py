@@ -22,11 +22,11 @@ import msgspec
 
 from cubepath.protocol.core.actions import apply_in_place, why_inadmissible
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.errors import InputError, errors_at
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.core.system import System, local_only
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import ImportedPath, PlanRequest, none_beside, text
+from cubepath.protocol.plans.imported import ImportedPath, PlanRequest, none_beside
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 _LINE = re.compile(r"(.+?)\s*->\s*(.+?)(?:\s+about\s+(.+?))?\s*")
@@ -44,8 +44,8 @@ class _Line:
     about: Site | None
 
     def __str__(self) -> str:
-        about = "" if self.about is None else f" about {text(self.about)}"
-        return f"{text(self.source)} -> {text(self.target)}{about}"
+        about = "" if self.about is None else f" about {site_text(self.about)}"
+        return f"{site_text(self.source)} -> {site_text(self.target)}{about}"
 
     def names(self, move: Move) -> bool:
         """Return whether a move takes a module, or a whole run, from one site to the other."""
@@ -75,10 +75,8 @@ def read_plain(request: PlanRequest) -> ImportedPath:
             words = line.partition("#")[0].strip()
             if not words:
                 continue
-            try:
+            with errors_at(f"{path}:{number}"):
                 move = _resolved(_parsed(words), scene.system, state)
-            except InputError as error:
-                raise InputError(f"{path}:{number}: {error}") from None
             before = move.action.support & state
             apply_in_place(move.action, state)
             yield PathMove(move.action, GeneratorPlacement(move.generator, move.at), before)
@@ -107,7 +105,7 @@ def _site(words: str) -> Site:
 def _resolved(line: _Line, system: System, state: set[Site]) -> Move:
     """Return the move that a line means at a state; InputError if there is none, or several."""
     if line.source not in state:
-        raise InputError(f"{line}: site {text(line.source)} is off, expected on")
+        raise InputError(f"{line}: site {site_text(line.source)} is off, expected on")
     named = _named(line, system, state, (line.source,))
     possible = [move for move in named if move.possible(state)]
     if not possible:  # the mover of a run may be another module
@@ -122,9 +120,9 @@ def _resolved(line: _Line, system: System, state: set[Site]) -> Move:
             " to be meant: 'about SITE' tells those apart that read another site"
         )
     if line.about is not None and line.about not in state:
-        raise InputError(f"{line}: site {text(line.about)} is off, expected on")
+        raise InputError(f"{line}: site {site_text(line.about)} is off, expected on")
     if not named:
-        taken = f", and {text(line.target)} is on" if line.target in state else ""
+        taken = f", and {site_text(line.target)} is on" if line.target in state else ""
         raise InputError(f"{line}: no move of the system goes so{taken}")
     raise InputError(f"{line}: {_listed(why_inadmissible(move.action, state) for move in named)}")
 

@@ -8,19 +8,16 @@ the file lists them, and `ImportedPath.vehicles` reads what rotates in them too.
 
 from collections.abc import Iterable, Iterator
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import cast
 
+import numpy as np
+
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.plans.imported import (
-    Cell,
-    ImportedPath,
-    PlanRequest,
-    no_system,
-    none_beside,
-    text,
-)
+from cubepath.protocol.core.sites import site_text
+from cubepath.protocol.plans.grid_moves import GridMoves, cells_of
+from cubepath.protocol.plans.imported import Cell, ImportedPath, PlanRequest, no_system, none_beside
 from cubepath.protocol.plans.vehicles import Vehicles, planned_path
 from cubepath.protocol.systems.graphs import Edge, PlannerInstance, scenario_from_json
 
@@ -41,7 +38,15 @@ def read_scenario(request: PlanRequest) -> ImportedPath:
         graph=lambda: scenario.graph,
         goals=goals,
         unsolved=lambda: _unsolved(vehicles, goals) if scenario.moves else None,
+        listed=lambda: _listed(scenario),
     )
+
+
+def _listed(scenario: PlannerInstance) -> GridMoves:
+    moves = cast("tuple[tuple[Cell, Cell], ...]", scenario.moves)
+    ends = cells_of(chain.from_iterable(moves)).reshape(-1, 2, 2)
+    sizes = [1] * len(moves) if scenario.rounds is None else scenario.rounds
+    return GridMoves(ends[:, 0], ends[:, 1], np.cumsum(sizes, dtype=np.int64))
 
 
 def _rounds(path: Path, scenario: PlannerInstance) -> Iterator[tuple[str, list[Edge]]]:
@@ -58,14 +63,14 @@ def _targets(vehicles: Vehicles, moves: Iterable[Edge]) -> dict[int, Cell]:
     """Return where the vehicles of a round go."""
     found: dict[int, Cell] = {}
     for source, target in cast("Iterable[tuple[Cell, Cell]]", moves):
-        who = vehicles.on.get(source)
-        if who is None:
-            raise InputError(f"{text(source)} is empty, expected a vehicle")
-        if who in found:
-            raise InputError(f"vehicle {who} moves twice, expected once")
+        vehicle = vehicles.on.get(source)
+        if vehicle is None:
+            raise InputError(f"{site_text(source)} is empty, expected a vehicle")
+        if vehicle in found:
+            raise InputError(f"vehicle {vehicle} moves twice, expected once")
         if source == target:
-            raise InputError(f"vehicle {who} stays at {text(source)}, expected a move")
-        found[who] = target
+            raise InputError(f"vehicle {vehicle} stays at {site_text(source)}, expected a move")
+        found[vehicle] = target
     return found
 
 
@@ -74,12 +79,13 @@ def _unsolved(vehicles: Vehicles, goals: list[Cell]) -> str | None:
 
     A scenario without moves is a starting point, not a plan.
     """
-    off = [(who, cell) for who, cell in enumerate(vehicles.at) if cell not in set(goals)]
+    goal = frozenset(goals)
+    off = [(vehicle, cell) for vehicle, cell in enumerate(vehicles.at) if cell not in goal]
     if not off:
         return None
-    who, cell = off[0]
+    vehicle, cell = off[0]
     many = "ends" if len(off) == 1 else "end"
     return (
         f"{len(off)} of {len(vehicles.at)} vehicles {many} off the goals, the first is vehicle"
-        f" {who}: it ends at {text(cell)}, its own goal is {text(goals[who])}"
+        f" {vehicle}: it ends at {site_text(cell)}, its own goal is {site_text(goals[vehicle])}"
     )

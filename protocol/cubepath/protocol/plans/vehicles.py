@@ -15,13 +15,14 @@ from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
-from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.imported import Cell, ImportedPath, VehicleMove, VehiclePlan, text
+from cubepath.protocol.path_files.numbered import NumberedPath
+from cubepath.protocol.plans.grid_moves import CarriedPlan, GridMoves, carry_out
+from cubepath.protocol.plans.imported import Cell, ImportedPath, VehicleMove, VehiclePlan
 from cubepath.protocol.systems.graph import GraphSystem, along_edge
 from cubepath.protocol.systems.graphs import Graph
 
@@ -43,16 +44,17 @@ class Vehicles:
         self.called = called
         self.on: dict[Cell, int] = {}
         """Which vehicle is on a cell."""
-        self._actions: dict[tuple[Site, ...], Action] = {}
         self._made: dict[tuple[Cell, Cell], PathMove] = {}
         for number, cell in enumerate(starts):
             if not is_free(cell):
                 raise InputError(
-                    f"{called} {number} starts at {text(cell)}, an obstacle or outside"
+                    f"{called} {number} starts at {site_text(cell)}, an obstacle or outside"
                 )
             other = self.on.setdefault(cell, number)
             if other != number:
-                raise InputError(f"{called} {other} and {called} {number} start at {text(cell)}")
+                raise InputError(
+                    f"{called} {other} and {called} {number} start at {site_text(cell)}"
+                )
 
     def go(self, targets: Mapping[int, Cell]) -> list[PathMove]:
         """Take these vehicles to their cells in one round; return the moves in an admissible order.
@@ -63,7 +65,7 @@ class Vehicles:
         movers, order, rings = self._round(targets)
         if rings:
             raise InputError(self._no_order(movers, rings[0]))
-        return [self._make(who, movers[who]) for who in order]
+        return [self._make(vehicle, movers[vehicle]) for vehicle in order]
 
     def turn(self, targets: Mapping[int, Cell]) -> list[Turned]:
         """Do the same where vehicles may rotate; return vehicle, source and target of each move.
@@ -72,13 +74,13 @@ class Vehicles:
         but for the first.
         """
         movers, order, rings = self._round(targets)
-        order += [who for ring in rings for who in ring]
-        moves = [(who, self.at[who], movers[who]) for who in order]
+        order += [vehicle for ring in rings for vehicle in ring]
+        moves = [(vehicle, self.at[vehicle], movers[vehicle]) for vehicle in order]
         for _, source, _ in moves:
             del self.on[source]
-        for who, _, cell in moves:
-            self.at[who] = cell
-            self.on[cell] = who
+        for vehicle, _, cell in moves:
+            self.at[vehicle] = cell
+            self.on[cell] = vehicle
         return moves
 
     def _round(
@@ -86,10 +88,10 @@ class Vehicles:
     ) -> tuple[dict[int, Cell], list[int], list[list[int]]]:
         """Return who moves where, those that have an order in it, and those that rotate."""
         at, on, is_free = self.at, self.on, self._is_free
-        movers = {who: cell for who, cell in targets.items() if cell != at[who]}
+        movers = {vehicle: cell for vehicle, cell in targets.items() if cell != at[vehicle]}
         into: dict[Cell, int] = {}
-        for who, cell in movers.items():
-            source, there = at[who], on.get(cell)
+        for vehicle, cell in movers.items():
+            source, there = at[vehicle], on.get(cell)
             if (
                 abs(cell[0] - source[0]) + abs(cell[1] - source[1]) != 1
                 or cell in into
@@ -97,13 +99,13 @@ class Vehicles:
                 or (there is not None and movers.get(there, source) == source)
             ):
                 try:
-                    self._check(who, cell, movers, into)
+                    self._check(vehicle, cell, movers, into)
                 except InputError as error:
-                    raise InputError(f"{self._move(who, cell)}: {error}") from None
-            into[cell] = who
+                    raise InputError(f"{self._move(vehicle, cell)}: {error}") from None
+            into[cell] = vehicle
         order: list[int] = []
-        for who, cell in movers.items():
-            follower: int | None = who if cell not in on else None
+        for vehicle, cell in movers.items():
+            follower: int | None = vehicle if cell not in on else None
             while follower is not None:
                 order.append(follower)
                 follower = into.get(at[follower])
@@ -121,66 +123,72 @@ class Vehicles:
         return movers, order, rings
 
     def _check(
-        self, who: int, cell: Cell, movers: Mapping[int, Cell], into: Mapping[Cell, int]
+        self, vehicle: int, cell: Cell, movers: Mapping[int, Cell], into: Mapping[Cell, int]
     ) -> None:
         """Raise InputError for what makes a move impossible, as `go` has found."""
-        x, y = self.at[who]
+        x, y = self.at[vehicle]
         if abs(cell[0] - x) + abs(cell[1] - y) != 1:
             raise InputError("no edge of the grid, expected a step to a neighbour")
         if not self._is_free(cell):
-            raise InputError(f"{text(cell)} is an obstacle or outside, expected free")
+            raise InputError(f"{site_text(cell)} is an obstacle or outside, expected free")
         there = self.on.get(cell)
         if there is not None and there not in movers:
             raise InputError(
-                f"{text(cell)} is occupied by {self.called} {there}, which stays: expected it"
+                f"{site_text(cell)} is occupied by {self.called} {there}, which stays: expected it"
                 " empty or left in this round"
             )
-        if there is not None and movers[there] == self.at[who]:
+        if there is not None and movers[there] == self.at[vehicle]:
             raise InputError(
                 f"{self.called} {there} comes the other way: expected no two to swap places"
             )
         if cell in into:
-            raise InputError(f"{self.called} {into[cell]} enters {text(cell)} too, expected one")
+            raise InputError(
+                f"{self.called} {into[cell]} enters {site_text(cell)} too, expected one"
+            )
 
     def _no_order(self, movers: Mapping[int, Cell], ring: Sequence[int]) -> str:
         first, *others = ring
         cycle = [first, *reversed(others)]
-        who = f"{', '.join(map(str, cycle[:-1]))} and {cycle[-1]}"
+        names = f"{', '.join(map(str, cycle[:-1]))} and {cycle[-1]}"
         return (
-            f"{self._move(first, movers[first])}: {self.called}s {who} rotate, each into the cell"
+            f"{self._move(first, movers[first])}: {self.called}s {names} rotate, each into the cell"
             " that the next one leaves: expected one of these cells to be empty, or no order of"
             " their moves is legal; --following mapf is for plans that rotate"
         )
 
-    def _move(self, who: int, cell: Cell) -> str:
-        return f"{self.called} {who}, {text(self.at[who])} to {text(cell)}"
+    def _move(self, vehicle: int, cell: Cell) -> str:
+        return f"{self.called} {vehicle}, {site_text(self.at[vehicle])} to {site_text(cell)}"
 
-    def _make(self, who: int, cell: Cell) -> PathMove:
-        source = self.at[who]
-        self.at[who] = cell
+    def _make(self, vehicle: int, cell: Cell) -> PathMove:
+        source = self.at[vehicle]
+        self.at[vehicle] = cell
         del self.on[source]
-        self.on[cell] = who
+        self.on[cell] = vehicle
         made = self._made.get((source, cell))
         if made is None:
             # Cells are pairs of numbers, whose own order is the canonical one.
             ends = (source, cell) if source < cell else (cell, source)
-            action = self._actions.get(ends) or along_edge(*ends)
-            self._actions[ends] = action
-            made = PathMove(action, GeneratorPlacement("edge", ends), frozenset((source,)))
+            made = PathMove(
+                along_edge(*ends), GeneratorPlacement("edge", ends), frozenset((source,))
+            )
             self._made[source, cell] = made
         return made
 
 
 def off_targets(at: Sequence[Cell], targets: Sequence[Cell], called: str) -> str | None:
     """Return how many vehicles end off their targets, and the first of them; None if none."""
-    off = [who for who, ends in enumerate(zip(at, targets, strict=True)) if ends[0] != ends[1]]
+    off = [
+        vehicles
+        for vehicles, ends in enumerate(zip(at, targets, strict=True))
+        if ends[0] != ends[1]
+    ]
     if not off:
         return None
     first = off[0]
     many = "ends off its target" if len(off) == 1 else "end off their targets"
     return (
         f"{len(off)} of {len(at)} {called}s {many}, the first is {called} {first}: it ends at"
-        f" {text(at[first])}, expected {text(targets[first])}"
+        f" {site_text(at[first])}, expected {site_text(targets[first])}"
     )
 
 
@@ -207,11 +215,13 @@ def planned_path(
     graph: Callable[[], Graph],
     goals: Sequence[Cell] | None,
     unsolved: Callable[[], str | None],
+    listed: Callable[[], GridMoves | None] = lambda: None,
 ) -> ImportedPath:
     """Return a plan by its rounds, each with where it stands in the file, and who goes where in it.
 
     The latter is asked for when the rounds before have been made. `count` is the planner's number
-    of rounds, None if each round is a move and the plan does not say more.
+    of rounds, None if each round is a move and the plan does not say more. `listed` returns the
+    same rounds as arrays, where the graph is a grid and they can be had at once.
     """
     starts = tuple(vehicles.at)
 
@@ -222,12 +232,30 @@ def planned_path(
             except InputError as error:
                 raise InputError(f"{where}, {error}") from None
 
+    def carried(*, rotate: bool) -> CarriedPlan | None:
+        try:
+            moves = listed()
+        except OverflowError:  # a cell beyond 64 bits, which is none of the graph's
+            return None
+        found = None if moves is None else carry_out(starts, graph().vertices, moves, rotate=rotate)
+        if found is not None:
+            vehicles.at = found.at
+        return found
+
+    def numbered() -> NumberedPath | None:
+        found = carried(rotate=False)
+        return None if found is None else found.numbered()
+
     def plan() -> VehiclePlan:
-        moves = tuple(
-            VehicleMove(who, source, target, None if count is None else number)
-            for number, turned in enumerate(made(vehicles.turn), 1)
-            for who, source, target in turned
-        )
+        found = carried(rotate=True)
+        if found is not None:
+            moves = found.vehicle_moves(by_round=count is not None)
+        else:
+            moves = tuple(
+                VehicleMove(vehicle, source, target, None if count is None else number)
+                for number, turned in enumerate(made(vehicles.turn), 1)
+                for vehicle, source, target in turned
+            )
         edges = lambda: graph().edges  # noqa: E731 - built late, which can take long
         return VehiclePlan(path, starts, moves, count, vehicles.called, edges, unsolved())
 
@@ -238,4 +266,5 @@ def planned_path(
         labelled_goals=True,
         unsolved=unsolved,
         vehicles=plan,
+        numbered=numbered,
     )

@@ -17,22 +17,9 @@ from itertools import chain
 from typing import IO
 
 import zstandard
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 
 from cubepath.protocol.recordings.mcap_file import MAGIC
 
@@ -65,15 +52,15 @@ class McapAppender:
         self._chunks = 0
         # Packed, as there may be a million: some 200 bytes each.
         self._chunk_indices = bytearray()
-        self._attachments: list[AttachmentIndex] = []
-        self._metadata: list[MetadataIndex] = []
+        self._attachments: list[records.AttachmentIndex] = []
+        self._metadata: list[records.MetadataIndex] = []
         self._parts: list[bytes] = []
         self._size = 0
         self._indices: dict[int, list[int]] = {}
         """Log times and offsets in turn, by channel."""
         self._log_times: list[int] = []
         """The log times of the open chunk, each once where several in turn have the same."""
-        self._append(MAGIC + _packed(Header(profile, profile)))
+        self._append(MAGIC + _packed(records.Header(profile, profile)))
 
     @property
     def size(self) -> int:
@@ -103,12 +90,12 @@ class McapAppender:
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema; return its number."""
-        schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
+        schema = records.Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         return self._gather(_packed(schema), self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int) -> int:
         """Add a channel; return its number."""
-        channel = Channel(
+        channel = records.Channel(
             id=len(self._channels) + 1,
             topic=topic,
             message_encoding=encoding,
@@ -166,13 +153,13 @@ class McapAppender:
             len(packed),
         )
         start, length = self._offset, len(head) + len(packed)
-        told: list[bytes] = []
+        indexes: list[bytes] = []
         offsets: list[int] = []
         at = start + length
         for channel, index in indices.items():
             size = 8 * len(index)
-            told.append(_INDEX.pack(Opcode.MESSAGE_INDEX, size + 6, channel, size))
-            told.append(struct.pack(f"<{len(index)}Q", *index))
+            indexes.append(_INDEX.pack(Opcode.MESSAGE_INDEX, size + 6, channel, size))
+            indexes.append(struct.pack(f"<{len(index)}Q", *index))
             offsets += channel, at
             at += _INDEX.size + size
             self._counts[channel] = self._counts.get(channel, 0) + len(index) // 2
@@ -180,7 +167,7 @@ class McapAppender:
         self._size = 0
         self._indices = {}
         self._log_times = []
-        self._append(b"".join((head, packed, *told)))
+        self._append(b"".join((head, packed, *indexes)))
         known = self._times or (first, last)
         self._times = min(first, known[0]), max(last, known[1])
         self._chunks += 1
@@ -197,10 +184,12 @@ class McapAppender:
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment, of no time."""
         record = _packed(
-            Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
+            records.Attachment(
+                create_time=0, log_time=0, name=name, media_type=media_type, data=data
+            )
         )
         self._attachments.append(
-            AttachmentIndex(
+            records.AttachmentIndex(
                 offset=self._offset,
                 length=len(record),
                 create_time=0,
@@ -214,8 +203,8 @@ class McapAppender:
 
     def add_metadata(self, name: str, metadata: Mapping[str, str]) -> None:
         """Write a metadata record."""
-        record = _packed(Metadata(name=name, metadata=dict(metadata)))
-        self._metadata.append(MetadataIndex(self._offset, len(record), name))
+        record = _packed(records.Metadata(name=name, metadata=dict(metadata)))
+        self._metadata.append(records.MetadataIndex(self._offset, len(record), name))
         self._append(record)
 
     def _append(self, data: bytes) -> None:
@@ -227,9 +216,9 @@ class McapAppender:
         """Write the open chunk and the summary, by which the file is read from its end."""
         if self._indices:
             self._write_chunk()
-        self._append(_packed(DataEnd(self._crc)))
+        self._append(_packed(records.DataEnd(self._crc)))
         first, last = self._times or (0, 0)
-        statistics = Statistics(
+        statistics = records.Statistics(
             attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
@@ -251,16 +240,16 @@ class McapAppender:
         start = at = self._offset
         offsets: list[bytes] = []
         for opcode, group in groups:
-            offsets.append(_packed(SummaryOffset(opcode, at, len(group))))
+            offsets.append(_packed(records.SummaryOffset(opcode, at, len(group))))
             at += len(group)
         summary = b"".join(chain((group for _, group in groups), offsets))
         # The CRC of the summary covers the footer up to its CRC.
         crc = zlib.crc32(_FOOTER.pack(Opcode.FOOTER, 20, start, at), zlib.crc32(summary))
         self._append(summary)
-        self._append(_packed(Footer(start, at, crc)) + MAGIC)
+        self._append(_packed(records.Footer(start, at, crc)) + MAGIC)
 
 
-def _packed(record: McapRecord) -> bytes:
+def _packed(record: records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     packed: bytes = builder.end()

@@ -14,18 +14,20 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from hashlib import blake2b
-from itertools import chain
+from itertools import chain, groupby
 from math import ceil
+from operator import attrgetter
 from pathlib import Path
-from typing import IO, Self
+from typing import Self, TypeAlias
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
+from cubepath.protocol.core.output_files import unwritable, written_whole
+from cubepath.protocol.recordings.description import ATTACHED, PART
 from cubepath.protocol.recordings.recording import Recording, read_undamaged
-from cubepath.protocol.recordings.stored_messages import Record, told_round
-from cubepath.protocol.recordings.writing import RecordingWriter, refuse_existing
+from cubepath.protocol.recordings.stored_messages import Record, round_of_data
+from cubepath.protocol.recordings.writing import RecordingWriter, append, copy_to, refuse_source
 from cubepath.protocol.scenes.toml import scene_to_toml
 
 SPLIT, FILTERED, WHOLE = "split", "filtered", "whole_messages"
@@ -71,10 +73,12 @@ class MessageSelection:
             return False
         found = self._known.get(record.topic)
         if found is None:
-            found = self._known[record.topic] = self._takes(record.topic)
+            found = self._known[record.topic] = self.takes_topic(record.topic)
         return found
 
-    def _takes(self, topic: str) -> bool:
+    def takes_topic(self, topic: str) -> bool:
+        """Return whether messages on a topic are taken, at whatever time."""
+
         def match(patterns: tuple[str, ...]) -> bool:
             return any(_matches(topic, each) for each in patterns)
 
@@ -82,13 +86,13 @@ class MessageSelection:
 
     def __str__(self) -> str:
         """Return what is taken, in words."""
-        said = [
+        terms = [
             *(["topics " + " ".join(self.topics)] if self.topics else []),
             *(["without " + " ".join(self.exclude)] if self.exclude else []),
             *([] if self.first is None else [f"from {self.first}"]),
             *([] if self.until is None else [f"until {self.until}"]),
         ]
-        return ", ".join(said) or "everything"
+        return ", ".join(terms) or "everything"
 
     def of(self, recording: Recording) -> Iterator[Record]:
         """Yield the messages of a recording that are taken, in the order of writing."""
@@ -124,10 +128,10 @@ def whole_of(recording: Recording) -> int | None:
 
     It is whole too if it has as many.
     """
-    told = recording.parameters.get(WHOLE, "")
-    if not (told.isascii() and told.isdigit() and len(told) < 20):
+    stated = recording.parameters.get(WHOLE, "")
+    if not (stated.isascii() and stated.isdigit() and len(stated) < 20):
         return None
-    return int(told) if int(told) > len(recording.records) else None
+    return int(stated) if int(stated) > len(recording.records) else None
 
 
 def left_out(recording: Recording) -> int:
@@ -143,10 +147,10 @@ def is_beginning(recording: Recording) -> bool:
 
 def cut_notes(recording: Recording, notes: Mapping[str, str]) -> dict[str, str]:
     """Return the parameters of what is cut from a recording, which may be cut itself."""
-    told = recording.parameters
-    known = {key: f"{told[key]}; {notes[key]}" for key in notes if key in told}
-    whole = told.get(WHOLE, str(len(recording.records)))
-    return {**told, **notes, **known, WHOLE: whole}
+    parameters = recording.parameters
+    known = {key: f"{parameters[key]}; {notes[key]}" for key in notes if key in parameters}
+    whole = parameters.get(WHOLE, str(len(recording.records)))
+    return {**parameters, **notes, **known, WHOLE: whole}
 
 
 PARTS_MAX = 1000
@@ -218,7 +222,7 @@ def split_recording(
     begins = _beginnings(recording, parts, rounds, seconds, size)
     stem = recording.path.name.removesuffix(".mcap")
     made: list[Path] = []
-    records: Iterator[Record] = iter(recording.records)
+    records = enumerate(recording.records)
     ahead = next(records, None)
     with contextlib.ExitStack() as undo:
         undo.enter_context(_folder(folder))
@@ -239,17 +243,19 @@ def split_recording(
     return tuple(made)
 
 
-_Begins = Callable[[RecordingWriter, Record], bool]
+_Placed: TypeAlias = tuple[int, Record]
+"""A message of a recording, and its place in it, from 0."""
+_Begins = Callable[[RecordingWriter, int, Record], bool]
 """Says whether a part that is being written ends before a message."""
 
 
 def _fill(
-    writer: RecordingWriter, first: Record | None, records: Iterator[Record], begins: _Begins
-) -> Record | None:
+    writer: RecordingWriter, first: _Placed | None, records: Iterator[_Placed], begins: _Begins
+) -> _Placed | None:
     """Write messages up to the first of the next part, which is returned."""
-    for record in chain(() if first is None else (first,), records):
-        if begins(writer, record) and writer.messages:
-            return record
+    for number, record in chain(() if first is None else (first,), records):
+        if begins(writer, number, record) and writer.messages:
+            return number, record
         append(writer, (record,))
     return None
 
@@ -265,8 +271,8 @@ def _beginnings(
         count = len(recording.records)
         if parts > max(count, 1):
             raise InputError(f"{recording.path}: cannot split {count} messages into {parts} parts")
-        share = _Share(count, parts)
-        return lambda _, record: share.begins(record)
+        begins = {count * part // parts for part in range(1, parts)}
+        return lambda _, number, __: number in begins
     if rounds is not None:
         if recording.parameters.get("log_time") == "wall" and recording.clock == "free":
             raise InputError(
@@ -276,7 +282,7 @@ def _beginnings(
         return _Span(rounds, lambda record: max(record.round, 1))
     if seconds is not None:
         return _Span(max(1, int(seconds * _NS)), lambda record: record.wall_ns)
-    return lambda writer, record: _is_full(recording, writer, record, size or 0)
+    return lambda writer, _, record: _is_full(recording, writer, record, size or 0)
 
 
 def _is_full(recording: Recording, writer: RecordingWriter, record: Record, size: int) -> bool:
@@ -291,22 +297,6 @@ def _is_full(recording: Recording, writer: RecordingWriter, record: Record, size
     return full
 
 
-class _Share:
-    """Parts of equal numbers of messages, but for one."""
-
-    def __init__(self, count: int, parts: int) -> None:
-        self._ends = [count * part // parts for part in range(1, parts)]
-        self._seen = 0
-
-    def begins(self, _: Record) -> bool:
-        begins = bool(self._ends) and self._seen == self._ends[0]
-        if begins:
-            self._ends.pop(0)
-        else:
-            self._seen += 1
-        return begins
-
-
 class _Span:
     """Parts of equal spans from the first message of each on."""
 
@@ -314,7 +304,7 @@ class _Span:
         self._span = span
         self._of = of
 
-    def __call__(self, writer: RecordingWriter, record: Record) -> bool:
+    def __call__(self, writer: RecordingWriter, _: int, record: Record) -> bool:
         at = self._of(record)
         if not writer.messages:
             self._first = at
@@ -344,37 +334,8 @@ def _remove(made: Iterable[Path]) -> None:
             path.unlink()
 
 
-def refuse_source(recording: Recording, out: Path) -> None:
-    """Raise InputError if a file to write is the recording itself, or exists already."""
-    if same_file(out, recording.path):
-        raise InputError(f"{out}: is the recording itself, expected another file to write to")
-    refuse_existing(out)
-
-
-def copy_to(
-    stream: IO[bytes], out: Path, like: Recording, notes: Mapping[str, str]
-) -> RecordingWriter:
-    """Return a writer of a recording of the same run, with other parameters."""
-    return RecordingWriter(
-        out, like.scene, notes, like.schedule, stream=stream, written_as=like.format
-    )
-
-
-def append(writer: RecordingWriter, records: Iterable[Record]) -> None:
-    """Write messages as they stand, with their times and numbers."""
-    for record in records:
-        writer.write(
-            record.topic,
-            record.data,
-            round_number=record.round,
-            wall_ns=record.wall_ns,
-            sequence=record.sequence,
-        )
-
-
 _DIGEST_BYTES = 16
-_ATTACHED = "attached"
-_OF_A_FILE = ("part", _ATTACHED)
+_OF_A_FILE = (PART, ATTACHED)
 """What a recorder from outside says of each of its files: its number, and its first whole round."""
 
 
@@ -447,33 +408,35 @@ def _of_one_file(found: Sequence[Recording], notes: Mapping[str, str]) -> dict[s
     InputError if one of them is no number.
     """
     kept = {key: value for key, value in notes.items() if key not in _OF_A_FILE}
-    begins = [each.parameters.get(_ATTACHED) for each in found]
+    begins = [each.parameters.get(ATTACHED) for each in found]
     known = [each for each in begins if each is not None]
     for each in known:
         if not (each.isascii() and each.isdigit()):
-            raise InputError(f"{_ATTACHED}={each!r}: expected a round")
-    return kept | ({_ATTACHED: min(known, key=int)} if None not in begins else {})
+            raise InputError(f"{ATTACHED}={each!r}: expected a round")
+    return kept | ({ATTACHED: min(known, key=int)} if None not in begins else {})
 
 
 def _notes(found: Sequence[Recording], count: int) -> dict[str, str]:
     """Return the parameters of the parts of one recording together."""
-    told = dict(found[0].parameters)
+    parameters = dict(found[0].parameters)
     wholes = {each.parameters.get(WHOLE, str(len(each.records))) for each in found}
-    if wholes == {str(count)} or WHOLE not in told:
-        return {key: value for key, value in told.items() if key not in CUTS}
+    if wholes == {str(count)} or WHOLE not in parameters:
+        return {key: value for key, value in parameters.items() if key not in CUTS}
     parts = dict.fromkeys(each.parameters.get(SPLIT, "") for each in found)
-    if SPLIT in told:
-        told[SPLIT] = " and ".join(filter(None, parts))
-    return told
+    if SPLIT in parameters:
+        parameters[SPLIT] = " and ".join(filter(None, parts))
+    return parameters
 
 
 def _by_number(found: Sequence[Recording]) -> Iterator[Record]:
-    """Yield the messages in the order of their numbers, each once."""
-    last = -1
-    for record in heapq.merge(*map(_numbered, found), key=lambda record: record.sequence):
-        if record.sequence > last:
-            last = record.sequence
-            yield record
+    """Return the messages in the order of their numbers, each once."""
+    return (next(same) for same in _alike(found))
+
+
+def _alike(found: Sequence[Recording]) -> Iterator[Iterator[Record]]:
+    """Yield the messages of each number, in the order of numbers."""
+    number = attrgetter("sequence")
+    return (same for _, same in groupby(heapq.merge(*map(_numbered, found), key=number), number))
 
 
 def _numbered(recording: Recording) -> Iterator[Record]:
@@ -490,15 +453,11 @@ def _numbered(recording: Recording) -> Iterator[Record]:
 
 def _numbered_alike(found: Sequence[Recording]) -> int | None:
     """Return the number of messages by their numbers; None if one number has two messages."""
-    last: Record | None = None
     count = 0
-    for record in heapq.merge(*map(_numbered, found), key=lambda record: record.sequence):
-        if last is not None and last.sequence == record.sequence:
-            if last != record:
-                return None
-        else:
-            count += 1
-        last = record
+    for first, *others in _alike(found):
+        if any(other != first for other in others):
+            return None
+        count += 1
     return count
 
 
@@ -525,10 +484,10 @@ class _Heard:
 
 
 def _digest(record: Record) -> bytes:
-    said = blake2b(record.topic.encode(), digest_size=_DIGEST_BYTES)
-    said.update(b"\0")
-    said.update(record.data)
-    return said.digest()
+    digest = blake2b(record.topic.encode(), digest_size=_DIGEST_BYTES)
+    digest.update(b"\0")
+    digest.update(record.data)
+    return digest.digest()
 
 
 def _one_run(files: Sequence[_Heard]) -> None:
@@ -538,7 +497,7 @@ def _one_run(files: Sequence[_Heard]) -> None:
         own: dict[tuple[str, int | None], tuple[_Heard, bytes]] = {}
         for record in file.recording.of_kind("edges", "summary"):
             # The log time of edges is another where they were written at the end.
-            key = record.kind, 0 if record.kind == "summary" else told_round(record.data)
+            key = record.kind, 0 if record.kind == "summary" else round_of_data(record.data)
             before = known.get(key)
             if before is not None and (before[1] != record.data or not file.overlaps(before[0])):
                 what = "summary" if record.kind == "summary" else f"edges of round {key[1]}"
@@ -566,8 +525,8 @@ def _new_in(file: _Heard, before: Sequence[_Heard]) -> Iterator[tuple[int, Recor
     for record in file.recording.records:
         latest = max(latest, record.wall_ns)
         if others:
-            said = _digest(record)
-            seen[said] += 1
-            if any(other[said] >= seen[said] for other in others):
+            digest = _digest(record)
+            seen[digest] += 1
+            if any(other[digest] >= seen[digest] for other in others):
                 continue
         yield latest, record

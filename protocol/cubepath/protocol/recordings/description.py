@@ -29,9 +29,9 @@ BATCHES = {
     "reports": frozenset({"report"}),
     "observations": frozenset({"observation"}),
     "actions": frozenset({"action"}),
-    "requests": frozenset({"attempt", "enter", "hold", "tile_query"}),
+    "requests": frozenset({"attempt", "enter", "tile_query"}),
     "forwards": frozenset({"forwarded", "decision", "inquiry", "settled"}),
-    "replies": frozenset({"decision", "entered", "held"}),
+    "replies": frozenset({"decision", "entered"}),
     "tile": frozenset({SHOWN}),
     "turns": frozenset({"turn"}),
 }
@@ -87,8 +87,8 @@ class Counts:
         if is_batch:
             counted = self.parts
             for part in _parts(data):
-                said = part.kind
-                counted[said] = counted.get(said, 0) + 1
+                name = part.kind
+                counted[name] = counted.get(name, 0) + 1
 
     def _know(self, topic: str) -> _Known:
         name = kind_in(topic)
@@ -124,23 +124,23 @@ def _text(number: int | None) -> str:
 
 def counts_of(found: Salvage) -> Counts | None:
     """Return the counts that a recording ends with; None if they are missing or do not fit."""
-    told = [each.metadata for each in found.metadata if each.name == COUNTS]
-    counts = _counts_in(told[0]) if len(told) == 1 else None
+    stored = [each.metadata for each in found.metadata if each.name == COUNTS]
+    counts = _counts_in(stored[0]) if len(stored) == 1 else None
     return counts if counts is not None and counts.messages == found.messages else None
 
 
 def _counts_in(values: Mapping[str, str]) -> Counts | None:
-    told = {key: value for key, value in values.items() if key != "checksum"}
-    if values.get("checksum") != checksum(told):
+    fields = {key: value for key, value in values.items() if key != "checksum"}
+    if values.get("checksum") != checksum(fields):
         return None
     try:
         return Counts(
-            messages=int(told["messages"]),
-            kinds=msgspec.json.decode(told["kinds"], type=dict[str, KindCount]),
-            parts=msgspec.json.decode(told["parts"], type=dict[str, int]),
-            topics=int(told["topics"]),
-            first_wall_ns=_number(told["first_wall_ns"]),
-            last_wall_ns=_number(told["last_wall_ns"]),
+            messages=int(fields["messages"]),
+            kinds=msgspec.json.decode(fields["kinds"], type=dict[str, KindCount]),
+            parts=msgspec.json.decode(fields["parts"], type=dict[str, int]),
+            topics=int(fields["topics"]),
+            first_wall_ns=_number(fields["first_wall_ns"]),
+            last_wall_ns=_number(fields["last_wall_ns"]),
         )
     except (KeyError, ValueError, msgspec.DecodeError):
         return None
@@ -189,8 +189,8 @@ def has_wall_times(written_as: str, parameters: Mapping[str, str]) -> bool:
 
 def wall_times_in(found: Salvage) -> bool:
     """Return whether a file says of itself that it `has_wall_times`, whatever else it says."""
-    told = (record.metadata for record in found.metadata if record.name == METADATA)
-    return any(has_wall_times(each.get("format", ""), each) for each in told)
+    entries = (record.metadata for record in found.metadata if record.name == METADATA)
+    return any(has_wall_times(each.get("format", ""), each) for each in entries)
 
 
 def metadata_of(parameters: Mapping[str, str], written_as: str) -> dict[str, str]:
@@ -209,17 +209,17 @@ def parameters_in(path: Path, found: Salvage, problems: list[str]) -> tuple[str,
         raise InputError(
             f"{path}: no cubepath recording: format {shown}, expected {expected}{detail}"
         )
-    read = [(told, without_format(told)) for told in ours]
+    read = [(metadata, without_format(metadata)) for metadata in ours]
     right = [each for each in read if each[0].get("checksum") == checksum(each[1])]
     if not right:
         problems.append("corrupt: the parameters are not those of their checksum")
-    told, values = (right or read)[0]
-    return told["format"], values
+    metadata, values = (right or read)[0]
+    return metadata["format"], values
 
 
-def without_format(told: Mapping[str, str]) -> dict[str, str]:
+def without_format(metadata: Mapping[str, str]) -> dict[str, str]:
     """Return the parameters that a metadata record tells."""
-    return {key: value for key, value in told.items() if key not in ("format", "checksum")}
+    return {key: value for key, value in metadata.items() if key not in ("format", "checksum")}
 
 
 def scene_in(path: Path, found: Salvage) -> Scene:

@@ -178,8 +178,8 @@ class _Body:
         """Return where that ends whose length stands at a place; beyond the end if it cannot."""
         if place + width > self._length:
             return self._length + 1
-        told = self._stored.read(self._start + place, width)
-        return place + width + int.from_bytes(told, "little")
+        length = self._stored.read(self._start + place, width)
+        return place + width + int.from_bytes(length, "little")
 
 
 def found_after(stored: StoredBytes, offset: int, holds: Callable[[int], bool]) -> int | None:
@@ -293,16 +293,13 @@ def _summary(data: bytes, start: int, footer_at: int) -> FileSummary:
         match opcode:
             case Opcode.CHUNK_INDEX:
                 chunks.append(body)
-            case Opcode.ATTACHMENT_INDEX:
-                attachment = AttachmentIndex.read(stream)
-                others.append(attachment.offset)
-                covered += attachment.length
-                heads[attachment.offset] = Opcode.ATTACHMENT, attachment.length - HEAD.size
-            case Opcode.METADATA_INDEX:
-                metadata = MetadataIndex.read(stream)
-                others.append(metadata.offset)
-                covered += metadata.length
-                heads[metadata.offset] = Opcode.METADATA, metadata.length - HEAD.size
+            case Opcode.ATTACHMENT_INDEX | Opcode.METADATA_INDEX:
+                attached = opcode == Opcode.ATTACHMENT_INDEX
+                index = (AttachmentIndex if attached else MetadataIndex).read(stream)
+                others.append(index.offset)
+                covered += index.length
+                kind = Opcode.ATTACHMENT if attached else Opcode.METADATA
+                heads[index.offset] = kind, index.length - HEAD.size
             case Opcode.CHANNEL:
                 channel = Channel.read(stream)
                 topics[channel.id] = channel.topic

@@ -24,19 +24,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings import stored_messages
-from cubepath.protocol.recordings.description import (
-    BATCHES,
-    FORMAT,
-    SCHEDULE,
-    Clock,
-    Counts,
-    clock_of,
-    counts_of,
-    parameters_in,
-    scene_in,
-    wall_times_in,
-)
+from cubepath.protocol.recordings import description, stored_messages
 from cubepath.protocol.recordings.mcap_file import StoredBytes
 from cubepath.protocol.recordings.salvaging import Salvage, outline, salvage
 from cubepath.protocol.recordings.tables import Columns, claims_of, frame_of, moves_of
@@ -65,16 +53,18 @@ class Recording:
     """The text of the schedule that was executed, if any."""
     size: int = 0
     """Number of bytes read."""
-    format: str = FORMAT
+    format: str = description.FORMAT
 
     @property
-    def clock(self) -> Clock:
+    def clock(self) -> description.Clock:
         """Return the clock of the run: "lockstep" has rounds, "free" has none."""
-        return clock_of(self.format)
+        return description.clock_of(self.format)
 
     def of_kind(self, *kinds: str) -> Iterator[stored_messages.Record]:
         """Yield the messages of these kinds in order, also those that are parts of batches."""
-        batches = {batch for batch, held in BATCHES.items() if not held.isdisjoint(kinds)}
+        batches = {
+            batch for batch, held in description.BATCHES.items() if not held.isdisjoint(kinds)
+        }
         for record in self.written({*kinds, *batches}):
             if record.kind in kinds:
                 yield record
@@ -213,12 +203,12 @@ class Recording:
         records = self.records
         return records.sha256() if isinstance(records, stored_messages.StoredRecords) else None
 
-    def counts(self) -> Counts:
+    def counts(self) -> description.Counts:
         """Return how much is in the recording; it is read only if the file does not say so."""
         records = self.records
         if isinstance(records, stored_messages.StoredRecords) and records.counts is not None:
             return records.counts
-        found = Counts()
+        found = description.Counts()
         for record in records:
             found.add(record.topic, record.data, record.wall_ns)
         return found
@@ -238,8 +228,8 @@ def read_recording(source: Source) -> Recording:
     """
     found = read(source)
     problems = list(found.problems)
-    written_as, parameters = parameters_in(found.path, found.salvage, problems)
-    scene = scene_in(found.path, found.salvage)
+    written_as, parameters = description.parameters_in(found.path, found.salvage, problems)
+    scene = description.scene_in(found.path, found.salvage)
     return Recording(
         found.path,
         parameters,
@@ -276,7 +266,9 @@ class FileContents:
     @property
     def schedule(self) -> bytes | None:
         """Return the text of the schedule, if there is one."""
-        schedules = (each.data for each in self.salvage.attachments if each.name == SCHEDULE)
+        schedules = (
+            each.data for each in self.salvage.attachments if each.name == description.SCHEDULE
+        )
         return next(schedules, None)
 
 
@@ -287,9 +279,11 @@ def read(source: Source) -> FileContents:
     if not stored.size:
         raise InputError(f"{stored.path}: empty file, expected an MCAP recording")
     whole = outline(stored)
-    counts = None if whole is None else counts_of(whole)
+    counts = None if whole is None else description.counts_of(whole)
     found = salvage(stored) if whole is None or counts is None else whole
-    records = stored_messages.StoredRecords(stored, found, counts, by_wall=wall_times_in(found))
+    records = stored_messages.StoredRecords(
+        stored, found, counts, by_wall=description.wall_times_in(found)
+    )
     return FileContents(stored.path, stored.size, found, records)
 
 

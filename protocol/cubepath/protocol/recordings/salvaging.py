@@ -101,9 +101,9 @@ def outline(stored: StoredBytes) -> Salvage | None:
 
 def _outlined(stored: StoredBytes, end: FileSummary, statistics: Statistics) -> Salvage | None:
     data_end = end.summary_start - HEAD.size - CRC.size
-    told = stored.read(data_end, HEAD.size + CRC.size)
-    crc = CRC.unpack(told[HEAD.size :])[0]
-    if HEAD.unpack_from(told) != (Opcode.DATA_END, CRC.size) or not crc:
+    ending = stored.read(data_end, HEAD.size + CRC.size)
+    crc = CRC.unpack(ending[HEAD.size :])[0]
+    if HEAD.unpack_from(ending) != (Opcode.DATA_END, CRC.size) or not crc:
         return None
     header = HEAD.unpack(stored.read(len(MAGIC), HEAD.size))[1]
     if len(MAGIC) + HEAD.size + header + end.covered != data_end:
@@ -134,7 +134,7 @@ def messages_in(stored: StoredBytes, block: ChunkIndex) -> list[SalvagedMessage]
     except Exception as error:  # noqa: BLE001 - parsers and decompressors raise many kinds
         raise InputError(
             f"{stored.path}: the chunk at byte {block.offset} cannot be read any more:"
-            f" {_said(error)}"
+            f" {_error_text(error)}"
         ) from None
     return messages
 
@@ -188,17 +188,17 @@ class _Scan:
         """Read the record at `offset`; return where the next one begins, None if nowhere."""
         stored, end = self._stored, self._end
         start = offset + HEAD.size
-        told = None if end is None else end.heads.get(offset)
-        if told is not None:
-            if told != HEAD.unpack(stored.read(offset, HEAD.size)):
+        head = None if end is None else end.heads.get(offset)
+        if head is not None:
+            if head != HEAD.unpack(stored.read(offset, HEAD.size)):
                 self.found.problems.append(
                     f"corrupt at byte {offset}: the head of a record is damaged"
                 )
         elif not fits(stored, offset) or self._is_no_end(offset):
             return self._lost(offset)
         else:
-            told = HEAD.unpack(stored.read(offset, HEAD.size))
-        opcode, length = told
+            head = HEAD.unpack(stored.read(offset, HEAD.size))
+        opcode, length = head
         after = start + length
         if end is not None and after > end.after(offset):
             return self._lost(offset)
@@ -243,15 +243,15 @@ class _Scan:
             values = Metadata.read(ReadDataStream(BytesIO(body))).metadata
         except Exception:  # noqa: BLE001 - parsers and decompressors raise many kinds
             return False
-        told = values.pop("checksum", None)
+        stated = values.pop("checksum", None)
         # That of parameters does not cover the format beside them.
         without = {key: value for key, value in values.items() if key != "format"}
-        return told in (checksum(values), checksum(without))
+        return stated in (checksum(values), checksum(without))
 
     def _what(self, opcode: int, error: Exception) -> str:
         if opcode == Opcode.CHUNK:
-            return f"chunk {self._chunks}{self._span} cannot be read: {_said(error)}"
-        return f"a record of kind {opcode} cannot be read: {_said(error)}"
+            return f"chunk {self._chunks}{self._span} cannot be read: {_error_text(error)}"
+        return f"a record of kind {opcode} cannot be read: {_error_text(error)}"
 
     def _take(self, opcode: int, body: bytes, offset: int) -> None:
         stream = ReadDataStream(BytesIO(body))
@@ -385,5 +385,5 @@ def _attachment(body: bytes) -> Attachment:
     return found
 
 
-def _said(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return str(error) or type(error).__name__

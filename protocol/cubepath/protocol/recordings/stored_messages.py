@@ -10,27 +10,21 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import chain
 from math import inf
-from pathlib import Path
-from typing import Any, NamedTuple, Protocol, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.recordings.description import BATCHES, Clock, Counts
-from cubepath.protocol.recordings.mcap_file import ChunkIndex, StoredBytes
+from cubepath.protocol.recordings.mcap_file import ChunkIndex, StoredBytes, kind_in
 from cubepath.protocol.recordings.salvaging import Salvage, SalvagedMessage, messages_in
-from cubepath.protocol.wire.free_messages import (
-    FREE_KINDS,
-    Forwards,
-    Replies,
-    Requests,
-    TileUpdate,
-    Turns,
-    decode_free,
-)
-from cubepath.protocol.wire.messages import KINDS, Message, decode, parts_of
-from cubepath.protocol.wire.on_record import parts_said, topic_said
+from cubepath.protocol.wire.free_messages import FREE_KINDS, decode_free
+from cubepath.protocol.wire.messages import KINDS, decode
+from cubepath.protocol.wire.on_record import parts_in, topic_in
+
+if TYPE_CHECKING:
+    from cubepath.protocol.recordings.recording import Recording
 
 
 # Not frozen, which would take four times as long to make: a long recording has millions.
@@ -57,7 +51,7 @@ class Record:
     @property
     def kind(self) -> str:
         """Return the kind of the message, the first part of its topic."""
-        return self.topic.partition("/")[0]
+        return kind_in(self.topic)
 
     def parts(self) -> Iterator[Record]:
         """Yield the parts of a batch, each as it would stand alone; any other record is its part.
@@ -69,7 +63,7 @@ class Record:
             yield self
             return
         try:
-            parts = parts_said(self.kind, self.data)
+            parts = parts_in(self.kind, self.data)
         except InputError:
             yield self
             return
@@ -207,33 +201,13 @@ class StoredRecords(Sequence[Record]):
         topics = self._topics
         # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
         for channel, sequence, number, wall_ns, data in messages:
-            topic = topics.get(channel) or topic_said(data)
+            topic = topics.get(channel) or topic_in(data)
             if topic is not None:
                 yield Record(topic, data, number, wall_ns, sequence)
 
 
 _BOTH = ("go", "refused", "edges", "cube", "certificate", "summary")
 """Kinds of messages that runs with rounds and runs without have."""
-
-
-class MessageSource(Protocol):
-    """What messages are read from; a `Recording` is one."""
-
-    @property
-    def path(self) -> Path:
-        """Where it was read from."""
-        ...
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of the run."""
-        ...
-
-    def written(
-        self, kinds: AbstractSet[str] | None = None, rounds: range | None = None
-    ) -> Iterator[Record]:
-        """Yield the messages of these kinds and log times in order, batches as they stand."""
-        ...
 
 
 class LoggedMessage(NamedTuple):
@@ -264,11 +238,11 @@ def round_in(stored: SalvagedMessage) -> int:
     If that is neither so, nor the message one with a round, its log time stands for the round:
     verifying names it.
     """
-    told = told_round(stored.data) if stored.round == stored.wall_ns else None
-    return stored.round if told is None else told
+    number = round_of_data(stored.data) if stored.round == stored.wall_ns else None
+    return stored.round if number is None else number
 
 
-def told_round(data: bytes) -> int | None:
+def round_of_data(data: bytes) -> int | None:
     """Return the round that a message tells, None if it tells none."""
     try:
         return _rounded(data).round
@@ -284,7 +258,7 @@ def kinds_of(clock: Clock) -> frozenset[str]:
 
 
 def messages_of(
-    recording: MessageSource,
+    recording: Recording,
     kinds: str | Iterable[str] | None = None,
     rounds: int | range | None = None,
 ) -> Iterator[LoggedMessage]:
@@ -302,37 +276,20 @@ def messages_of(
 
 
 def _decoded(
-    recording: MessageSource, wanted: frozenset[str] | None, rounds: range | None
+    recording: Recording, wanted: frozenset[str] | None, rounds: range | None
 ) -> Iterator[LoggedMessage]:
-    read, split = (decode_free, _parts) if recording.clock == "free" else (decode, _parts_of_rounds)
+    read: Callable[[bytes], Any] = decode_free if recording.clock == "free" else decode
     batches = {kind for kind, held in BATCHES.items() if wanted and not held.isdisjoint(wanted)}
     looked_at = None if wanted is None else wanted | batches
     for record in recording.written(looked_at, rounds):
-        message = _read(recording, record.topic, record.sequence, read, record.data)
+        try:
+            message = read(record.data)
+        except InputError as error:
+            raise InputError(f"{recording.path}: {record}: {error}") from None
         when = record.round, record.wall_ns, record.topic, record.sequence
         if wanted is None or record.kind in wanted:
             yield LoggedMessage(message, *when)
         else:
-            for part in split(message):
+            for part in getattr(message, "parts", (message,)):
                 if part.__struct_config__.tag in wanted:
                     yield LoggedMessage(part, *when)
-
-
-def _read(
-    recording: MessageSource, topic: str, sequence: int, read: Callable[[bytes], Any], data: bytes
-) -> Any:
-    try:
-        return read(data)
-    except InputError as error:
-        raise InputError(f"{recording.path}: message {sequence} ({topic}): {error}") from None
-
-
-def _parts_of_rounds(message: Message) -> Iterable[msgspec.Struct]:
-    return parts_of(message)
-
-
-def _parts(message: msgspec.Struct) -> Iterable[msgspec.Struct]:
-    """Return the parts of a batch of a run without rounds."""
-    if isinstance(message, Requests | Forwards | Replies | TileUpdate | Turns):
-        return message.parts
-    return (message,)

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.recordings.stored_messages import LoggedMessage, MessageSource, messages_of
+from cubepath.protocol.recordings.stored_messages import LoggedMessage, messages_of
 from cubepath.protocol.wire.free_messages import Attempt, Commit, CommitLog, Decision
 from cubepath.protocol.wire.messages import Claim, Report, Verdict
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from cubepath.protocol.recordings.recording import Recording
 
 Columns: TypeAlias = dict[str, NDArray[Any]]
 """A table: arrays of one length by the names of its columns."""
@@ -62,7 +64,7 @@ def _column(name: str, values: tuple[Any, ...]) -> NDArray[Any]:
     return found
 
 
-def moves_of(recording: MessageSource) -> Columns:
+def moves_of(recording: Recording) -> Columns:
     """Return the moves of a run; `Recording.moves` documents it."""
     rows = _Rows("round", "module", "generator", "at", "from", "to", "wall_ns")
     if recording.clock == "free":
@@ -82,7 +84,7 @@ def moves_of(recording: MessageSource) -> Columns:
     return rows.columns()
 
 
-def _commits(recording: MessageSource) -> Iterator[tuple[LoggedMessage, Commit]]:
+def _commits(recording: Recording) -> Iterator[tuple[LoggedMessage, Commit]]:
     """Yield the commits of a run without rounds; some stand in several messages."""
     for logged in messages_of(recording, ("commit", "commits")):
         message: Commit | CommitLog = logged.message
@@ -90,44 +92,44 @@ def _commits(recording: MessageSource) -> Iterator[tuple[LoggedMessage, Commit]]
             yield logged, moved
 
 
-def claims_of(recording: MessageSource) -> Columns:
+def claims_of(recording: Recording) -> Columns:
     """Return the claims of a run, or its attempts; `Recording.claims` documents it."""
     return _attempts(recording) if recording.clock == "free" else _claims(recording)
 
 
-def _claims(recording: MessageSource) -> Columns:
+def _claims(recording: Recording) -> Columns:
     rows = _Rows("round", "module", "site", "generator", "at", "wall_ns")
     outcomes: dict[tuple[int, int], str] = {}
     for logged in messages_of(recording, ("claim", "verdict", "report")):
-        said: Claim | Verdict | Report = logged.message
-        key = said.round, said.module
-        if isinstance(said, Claim):
-            rows.add(key, *key, said.site, said.generator, said.at, logged.wall_ns)
-        elif isinstance(said, Verdict):
-            outcomes[key] = "granted" if said.granted else "lost"
-        elif said.claim != "none":
-            outcomes[key] = said.claim
+        message: Claim | Verdict | Report = logged.message
+        key = message.round, message.module
+        if isinstance(message, Claim):
+            rows.add(key, *key, message.site, message.generator, message.at, logged.wall_ns)
+        elif isinstance(message, Verdict):
+            outcomes[key] = "granted" if message.granted else "lost"
+        elif message.claim != "none":
+            outcomes[key] = message.claim
     return _with_outcomes(rows.columns(), outcomes, ("round", "module"))
 
 
-def _attempts(recording: MessageSource) -> Columns:
+def _attempts(recording: Recording) -> Columns:
     by = "module", "epoch", "number"
     rows = _Rows("round", *by, "site", "generator", "at", "wall_ns")
     outcomes: dict[tuple[int, int, int], str] = {}
     for logged in messages_of(recording, ("attempt", "forwarded", "decision", "commit", "commits")):
-        for said in _told(logged.message):
-            key = said.module, said.epoch, said.number
-            if isinstance(said, Commit):
+        for entry in _log_entries(logged.message):
+            key = entry.module, entry.epoch, entry.number
+            if isinstance(entry, Commit):
                 outcomes[key] = "granted"
-            elif isinstance(said, Decision):
+            elif isinstance(entry, Decision):
                 outcomes.setdefault(key, "lost")
-            elif said.generator is not None:
-                found = said.site, said.generator, said.at
+            elif entry.generator is not None:
+                found = entry.site, entry.generator, entry.at
                 rows.add(key, logged.round, *key, *found, logged.wall_ns)
     return _with_outcomes(rows.columns(), outcomes, by)
 
 
-def _told(message: Any) -> Iterable[Attempt | Decision | Commit]:
+def _log_entries(message: Any) -> Iterable[Attempt | Decision | Commit]:
     """Return what a message tells of attempts: that one was made, refused or committed."""
     if isinstance(message, CommitLog):
         return message.parts
@@ -145,7 +147,7 @@ def _with_outcomes(columns: Columns, outcomes: Mapping[Any, str], by: tuple[str,
     return columns | {"wall_ns": wall_ns}
 
 
-def _messages(recording: MessageSource) -> Columns:
+def _messages(recording: Recording) -> Columns:
     topics: dict[str, tuple[str, str]] = {}
     rows = []
     for record in recording.written():
@@ -159,7 +161,7 @@ def _messages(recording: MessageSource) -> Columns:
     return {name: _column(name, column) for name, column in zip(names, values, strict=True)}
 
 
-def frame_of(recording: MessageSource, table: str) -> pd.DataFrame:
+def frame_of(recording: Recording, table: str) -> pd.DataFrame:
     """Return a table as a data frame; `Recording.frame` documents it."""
     if table not in _TABLES:
         near = did_you_mean(table, _TABLES)

@@ -10,7 +10,7 @@ import errno
 import os
 import stat
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Self
 
@@ -28,12 +28,14 @@ from cubepath.protocol.core.output_files import (
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings import description
 from cubepath.protocol.recordings.appending import McapAppender
+from cubepath.protocol.recordings.mcap_file import kind_in
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.on_record import schema_of
 
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import Recording
     from cubepath.protocol.recordings.remains import Remains
+    from cubepath.protocol.recordings.stored_messages import Record
 
 FLUSH_S = 0.5
 """Seconds after which a message is written, with those that came meanwhile."""
@@ -172,14 +174,14 @@ class RecordingWriter:
                 f"{self.path}: message {self.messages} ({topic}) is on one more topic than a"
                 f" recording can have, expected {TOPICS_MAX} at most"
             )
-        schema = self._schema(topic.partition("/")[0])
+        schema = self._schema(kind_in(topic))
         found = self._channels[topic] = self._writer.add_channel(topic, "json", schema)
         return found
 
     def size_with(self, topic: str, size: int) -> int:
         """Return the most bytes of the file if it ends after one more message of this size."""
         new = 0 if topic in self._channels else len(topic) + _CHANNEL_BYTES
-        kind = topic.partition("/")[0]
+        kind = kind_in(topic)
         if kind not in self._schemas:
             new += len(msgspec.json.encode(schema_of(kind))) + _CHANNEL_BYTES
         return self._writer.size_with(size + 2 * new) + _COUNTS_BYTES
@@ -301,6 +303,34 @@ def refuse_existing(path: Path) -> None:
         raise _exists(path)
 
 
+def refuse_source(recording: Recording | Remains, out: Path) -> None:
+    """Raise InputError if a file to write is the recording itself, or exists already."""
+    if same_file(out, recording.path):
+        raise InputError(f"{out}: is the recording itself, expected another file to write to")
+    refuse_existing(out)
+
+
+def copy_to(
+    stream: IO[bytes], out: Path, like: Recording | Remains, notes: Mapping[str, str]
+) -> RecordingWriter:
+    """Return a writer of a recording of the same run, with other parameters."""
+    return RecordingWriter(
+        out, like.scene, notes, like.schedule, stream=stream, written_as=like.format
+    )
+
+
+def append(writer: RecordingWriter, records: Iterable[Record]) -> None:
+    """Write messages as they stand, with their times and numbers."""
+    for record in records:
+        writer.write(
+            record.topic,
+            record.data,
+            round_number=record.round,
+            wall_ns=record.wall_ns,
+            sequence=record.sequence,
+        )
+
+
 def copy_recording(
     recording: Recording | Remains, out: Path, notes: Mapping[str, str] | None = None
 ) -> int:
@@ -311,27 +341,8 @@ def copy_recording(
     InputError if `out` is the recording itself, exists already or cannot be written, and CheckError
     if the disk is full; then nothing is left of it.
     """
-    if same_file(out, recording.path):
-        raise InputError(f"{out}: is the recording itself, expected another file to write to")
+    refuse_source(recording, out)
     parameters = {**recording.parameters, **(notes or {})}
-    refuse_existing(out)
-    with (
-        written_whole(out) as stream,
-        RecordingWriter(
-            out,
-            recording.scene,
-            parameters,
-            recording.schedule,
-            stream=stream,
-            written_as=recording.format,
-        ) as writer,
-    ):
-        for record in recording.records:
-            writer.write(
-                record.topic,
-                record.data,
-                round_number=record.round,
-                wall_ns=record.wall_ns,
-                sequence=record.sequence,
-            )
+    with written_whole(out) as stream, copy_to(stream, out, recording, parameters) as writer:
+        append(writer, recording.records)
         return writer.messages

@@ -21,8 +21,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from cubepath.protocol.core.actions import apply_in_place, end_at
-from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Cell, Move
+from cubepath.protocol.core.actions import apply, apply_in_place, end_at
+from cubepath.protocol.core.catalogue import Cell, Lattice, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
@@ -104,56 +104,54 @@ def happens(share: Fraction, stream: Stream) -> bool:
     return stream.below(share.denominator) < share.numerator
 
 
-SIX: tuple[Cell, ...] = HEX_DIRECTIONS
-"""The neighbours of a hexagon, in a circle."""
-FOUR: tuple[Cell, ...] = ((1, 0), (0, 1), (-1, 0), (0, -1))
-"""The neighbours of a square."""
+def uniform_shape(count: int, lattice: Lattice, stream: Stream) -> tuple[Cell, ...]:
+    """Return a shape of `count` cells that holds the origin, each equally likely, as are its cells.
 
+    The lattice is one of cells, so that one orbit holds all. They are listed in ascending order.
 
-def uniform_shape(count: int, beside: Sequence[Cell], stream: Stream) -> tuple[Cell, ...]:
-    """Return a shape of `count` cells that holds (0, 0), each equally likely, and its cells so too.
-
-    `beside` is `SIX` or `FOUR`. The cells are listed in ascending order.
-
-    Method. A cluster grows from (0, 0): each cell beside it is looked at once, in an order that
+    Method. A cluster grows from the origin: each cell beside it is looked at once, in an order that
     depends only on what was seen before, and joins with probability 1/3 (Leath 1976). If it
     stops growing with `count` cells and has t cells beside it, it is taken with probability
-    (2/3)^(most - t), where `most` is the greatest t of that size; else all begins again.
+    (2/3)^(most - t), where `most` is at least the greatest t of that size; else all begins again.
 
-    Proof. A shape that holds (0, 0) is found with probability (1/3)^(count - 1) (2/3)^t, whatever
-    the order, and so taken with (1/3)^(count - 1) (2/3)^most, the same for all. Every shape has as
-    many translates that hold (0, 0) as cells, one for each. As for `most`: the first cell has 6
-    (4) cells beside it. A shape can be listed so that each cell is beside an earlier one. It was
-    then itself beside the shape, and of its 6 (4) neighbours one is in the shape, and for hexagons
-    two more are beside that one and so known already: it adds at most 3 and takes itself
-    away. So t is at most 2 * count + 4 (2 * count + 2), and a straight line has as many.
+    Proof. A shape that holds the origin is found with probability (1/3)^(count - 1) (2/3)^t,
+    whatever the order, and so taken with (1/3)^(count - 1) (2/3)^most, the same for all. Every
+    shape has as many translates that hold the origin as cells, one for each. As for `most`: the
+    first cell has d cells beside it. A shape can be listed so that each cell is beside an earlier
+    one. It was then itself beside the shape, and of its d neighbours one is in the shape, and as
+    many as two touching cells share are beside that one and so known already: for 6 hexagons 2, for
+    12 dodecahedra 4, else none. It adds at most the rest and takes itself away. A straight line has
+    as many.
 
-    Cost. 1/3 makes the loss of each further cell least, (1/3)(2/3)^2 = 4/27 against the growth
-    of the number of shapes, some 5.18 (4.06): to begin again is needed about 1.3^count (1.7^count)
-    times, mostly after a few cells.
+    Cost. In the plane 1/3 makes the loss of each further cell least, (1/3)(2/3)^2 = 4/27 against
+    the growth of the number of shapes, some 5.18 of hexagons (4.06 of squares): to begin again is
+    needed about 1.3^count (1.7^count) times, mostly after a few cells.
     """
-    most = 2 * count + (4 if len(beside) == 6 else 2)
+    near = lattice.beside(origin_of(lattice))
+    most = len(near) + (count - 1) * (len(near) - 2 - len({*near} & {*lattice.beside(near[0])}))
     while True:
-        found = grown_once(count, beside, most, stream)
+        found = grown_once(count, lattice, most, stream)
         if found is not None:
             return found
 
 
-def grown_once(
-    count: int, beside: Sequence[Cell], most: int, stream: Stream
-) -> tuple[Cell, ...] | None:
+def origin_of(lattice: Lattice) -> Cell:
+    """Return the cell from which shapes grow."""
+    return (0,) * lattice.arity
+
+
+def grown_once(count: int, lattice: Lattice, most: int, stream: Stream) -> tuple[Cell, ...] | None:
     """Return the cluster of one try of `uniform_shape`; None if it has another size or is refused.
 
-    With `most` as there, each shape that holds (0, 0) has the probability
+    With `most` as there, each shape that holds the origin has the probability
     (1/3)^(count - 1) (2/3)^most.
     """
     below = stream.below
-    cells: list[Cell] = [(0, 0)]
-    seen: set[Cell] = {(0, 0)}
+    cells = [origin_of(lattice)]
+    seen = {*cells}
     closed = 0
-    for q, r in cells:  # it grows meanwhile
-        for along, up in beside:
-            near = (q + along, r + up)
+    for cell in cells:  # it grows meanwhile
+        for near in lattice.beside(cell):
             if near not in seen:
                 seen.add(near)
                 if below(3):
@@ -167,22 +165,21 @@ def grown_once(
     return None
 
 
-def grown_shape(count: int, beside: Sequence[Cell], stream: Stream) -> tuple[Cell, ...]:
-    """Return a shape of `count` cells that holds (0, 0), grown from there.
+def grown_shape(count: int, lattice: Lattice, stream: Stream) -> tuple[Cell, ...]:
+    """Return a shape of `count` cells that holds the origin, grown from there.
 
     Cells are listed in ascending order. Each new cell is one of those beside the shape, each
     equally likely (Eden 1961). Compact shapes are more likely than others.
     """
-    cells: set[Cell] = {(0, 0)}
-    border = list(beside)
-    known: set[Cell] = {(0, 0), *border}
+    cells = {origin_of(lattice)}
+    border = list(lattice.beside(origin_of(lattice)))
+    known = {*cells, *border}
     while len(cells) < count:
         place = stream.below(len(border))
         border[place], border[-1] = border[-1], border[place]
         cell = border.pop()
         cells.add(cell)
-        for along, up in beside:
-            near = (cell[0] + along, cell[1] + up)
+        for near in lattice.beside(cell):
             if near not in known:
                 known.add(near)
                 border.append(near)
@@ -274,8 +271,8 @@ def _tree(count: int, stream: Stream) -> _Pairs:
 def _paired(count: int, degree: int, stream: Stream) -> _Pairs | None:
     """Return the edges of a pairing of all ends of edges; None if it has a loop or a double edge.
 
-    Every graph without these comes of (degree!)^count pairings (Bollobas 1980), so all are equally
-    likely.
+    Every graph without these results from (degree!)^count pairings (Bollobas 1980), so all are
+    equally likely.
     """
     ends = stream.drawn([vertex for vertex in range(count) for _ in range(degree)])
     found: set[tuple[int, int]] = set()
@@ -409,6 +406,7 @@ def walked(system: System, start: Sequence[Site], moves: int, stream: Stream) ->
             for site in sites
             for move in known.get(site, ())
             if _can_be_made(move, state)
+            and (system.local or system.legal(apply(move.action, state)))
         }
         if len(options) > 1 and last is not None:
             options.pop(last, None)

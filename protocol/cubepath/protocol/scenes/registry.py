@@ -8,7 +8,7 @@ process, and a broken distribution must not affect users of other families.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -18,6 +18,7 @@ from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.parsing import Keys
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.own import OWN_FAMILIES, OWN_KINDS
 
@@ -26,15 +27,6 @@ MODULES_MAX = 100_000
 """The largest number of modules, or of anything else, that a spec may ask for."""
 
 _WHOLE = re.compile(r"[+-]?[0-9]{1,18}")
-
-
-def _not_known(_system: System, _start: State) -> bool:
-    return False
-
-
-def no_file(_key: str, _value: str) -> bool:
-    """Return that no key names a file."""
-    return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +51,11 @@ class Family:
     """The class of its systems, which defines the name and the reading of their TOML table."""
     rule: str = "metropolis"
     """The rule that leads to the goal, if a scene has one; empty without runs."""
-    one_class: Callable[[System, State], bool] = _not_known
+    one_class: Callable[[System, State], bool] = lambda *_: False
     """Return whether all paths between two states reachable from the given one are known to be
     homotopic; the proof stands beside the function. It is called for every system of the class, so
     it looks at what the system is, not at its name."""
-    is_file: Callable[[str, str], bool] = no_file
+    is_file: Callable[[str, str], bool] = lambda *_: False
     """Return whether the value of a key is the path of a file. In a sweep's file such a path is
     relative to its folder and stays in it, and a name in a recording opens no file."""
 
@@ -81,12 +73,26 @@ def whole(values: Values, key: str, *, least: int, most: int = MODULES_MAX) -> i
     return number
 
 
+def scene_of(
+    name: str, system: System, start: Iterable[Site], goal: Iterable[Site], *, own: bool = False
+) -> Scene:
+    """Return a family's scene whose modules know the whole goal, or each its `own` site of it.
+
+    Without a site there is no goal.
+    """
+    modules, sites = tuple(start), tuple(goal)
+    goals = tuple((site,) for site in sites) if own else (sites,) * len(modules)
+    return Scene(name, name, system, modules, frozenset(sites) or None, goals if sites else ())
+
+
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 GROUP = "cubepath.systems"
-SCENE_KEYS = ("format", "start", "name", "family", "goal", "goals")
+SCENE_KEYS = ("format", "start", "name", "family", "goal", "goals", "rule")
 """The keys of a scene's file that are not tables of systems."""
+PAGE_KEYS = ("keys", "map", "scenes")
+"""Those that only a page has."""
 _OWN = "cubepath"
 
 
@@ -155,7 +161,7 @@ def all_families() -> dict[str, Family]:
     The project's own come first, the others by distribution and entry point.
 
     >>> list(all_families())[:4]
-    ['hex', 'hex-open', 'hex-connected', 'hex-tunnel']
+    ['hex', 'hex-open', 'hex-tunnel', 'sliding']
     """
     found: dict[str, Family] = {}
     tables: dict[str, type[System]] = {}

@@ -1,5 +1,6 @@
-"""Scenes by name: `name:key=value,...`, or the path of a TOML file."""
+"""Scenes by name: `name:key=value,...`, with the path of a TOML file for the name, or alone."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +18,7 @@ def scene_from_spec(spec: str) -> Scene:
     """Return the scene that `spec` names; InputError says what is wrong with it."""
     name, _, rest = spec.partition(":")
     if is_scene_file(spec):
-        return read_scene(Path(spec))
+        return read_scene(*path_and_values(spec))
     family = family_named(name)
     given = given_values(rest, family.keys, spec)
     shown = ",".join(f"{key}={given[key]}" for key in family.keys if key in given)
@@ -29,7 +30,17 @@ def is_scene_file(spec: str) -> bool:
     """Return whether a name is the path of a scene's file."""
     name = spec.partition(":")[0]
     # The file may also be a pipe, such as /dev/fd/63 from a shell's process substitution.
-    return (spec.endswith(".toml") or "/" in name) and sound_family(name) is None
+    ends = spec.endswith(".toml") or name.endswith(".toml") or "/" in name
+    return ends and sound_family(name) is None
+
+
+_VALUES = re.compile(r":([A-Za-z_]\w*=[^/:]*)$")
+
+
+def path_and_values(spec: str) -> tuple[str, str]:
+    """Return the path in the name of a scene's file, and the values of its keys, if they follow."""
+    found = _VALUES.search(spec)
+    return (spec[: found.start()], found[1]) if found else (spec, "")
 
 
 def files_in(spec: str) -> list[str]:
@@ -39,7 +50,7 @@ def files_in(spec: str) -> list[str]:
     """
     name, _, rest = spec.partition(":")
     if is_scene_file(spec):
-        return [spec]
+        return [str(Path(path_and_values(spec)[0]))]
     family, given = family_named(name), given_values(rest, family_named(name).keys, spec)
     return [value for key, value in given.items() if family.is_file(key, value)]
 
@@ -50,7 +61,8 @@ def spec_within(folder: Path, spec: str) -> str:
     InputError if one leads out of the folder, or there is no such family or key.
     """
     if is_scene_file(spec):
-        return str(file_within(folder, spec))
+        path, rest = path_and_values(spec)
+        return str(file_within(folder, path)) + (f":{rest}" if rest else "")
     name, colon, rest = spec.partition(":")
     family = family_named(name)
     values = {

@@ -4,7 +4,9 @@ Sites are written as in JSON. The format is `cubepath-system-1`; see docs/files.
 system's table is defined by its class.
 """
 
+import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +14,16 @@ import msgspec
 import tomli_w
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import read_text
-from cubepath.protocol.core.parsing import parsed_toml
+from cubepath.protocol.core.parsing import converted, given_values, mistake_of, parsed_toml
 from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.own import OWN_KINDS
-from cubepath.protocol.scenes.registry import SCENE_KEYS, kinds
+from cubepath.protocol.scenes.registry import PAGE_KEYS, SCENE_KEYS, kinds
 
 FORMAT = "cubepath-system-1"
+_RULE = re.compile(r"[\w-]+(:\w+=[\w.+-]*(,\w+=[\w.+-]*)*)?")
 
 
 class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -29,21 +33,28 @@ class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True)
     family: str = ""
     goal: list[Any] | None = None
     goals: list[list[Any]] = []
+    rule: str = ""
 
 
-def read_scene(path: Path | str) -> Scene:
+def read_scene(path: Path | str, values: str = "") -> Scene:
     """Read a scene from a TOML file; InputError names the file and what is wrong in it.
+
+    `values` are those of the keys of a page, as ``n=4,scene=gap``.
 
     >>> from pathlib import Path
     >>> _ = Path("three.toml").write_text(scene_to_toml(scene_from_spec("hex:n=3")))
     >>> read_scene("three.toml").start
     ((0, 0), (1, 0), (2, 0))
     """
-    return scene_from_toml(read_text(path), str(path))
+    return scene_from_toml(read_text(path), str(path), values, folder=Path(path).parent)
 
 
-def scene_from_toml(text: str, where: str) -> Scene:
-    """Read a scene from TOML text; `where` names the text in errors.
+def scene_from_toml(
+    text: str, where: str, values: str = "", *, folder: Path | None = None
+) -> Scene:
+    """Read a scene from TOML text; `where` names the text in errors, `values` are those of keys.
+
+    `folder` is where files lie that the text may name; without it none are read.
 
     >>> text = scene_to_toml(scene_from_spec("hex:n=3"))
     >>> scene_from_toml(text, "a copy").start
@@ -53,26 +64,64 @@ def scene_from_toml(text: str, where: str) -> Scene:
         table = parsed_toml(text)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-    if table.get("format") != FORMAT:
-        raise InputError(f"{where}: format is {table.get('format')!r}, expected {FORMAT!r}")
+    if "format" not in table:
+        raise InputError(f"{where}: no scene, expected format = {FORMAT!r} in its first lines")
+    if table["format"] != FORMAT:
+        raise InputError(f"{where}: format is {table['format']!r}, expected {FORMAT!r}")
+    chosen = ""
     try:
-        return _scene(table, where)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {error}") from None
+        if folder is not None and "pathfinder" in table:
+            from cubepath.protocol.scenes.pathfinder import pathfinder_scene  # noqa: PLC0415 - seldom
+
+            given_values(values, {}, "keys")
+            return pathfinder_scene(table, where, folder)
+        kind = _kind_of(table)
+        system: System | None = None
+        if values or _is_page(table):
+            from cubepath.protocol.scenes.pages import expanded  # noqa: PLC0415 - seldom needed
+
+            table, system, chosen = expanded(table, text, values)
+        scene = _scene(table, where, kind, system)
     except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+        what = str(error).removeprefix(f"{where}: ")
+        scene_of = f"scene {chosen}: " if chosen else ""
+        raise InputError(f"{where}: {scene_of}{what}") from error  # it may have a picture
+    return replace(scene, spec=f"{scene.spec}:{values}") if values else scene
 
 
-def _scene(table: dict[str, Any], where: str) -> Scene:
-    own = all(key in OWN_KINDS for key in table.keys() - set(SCENE_KEYS))
+def _is_page(table: Mapping[str, Any]) -> bool:
+    """Return whether there is anything to expand, so that others need not wait for that code."""
+    lattice = table.get("lattice")
+    values = [table.get(key) for key in ("start", "goal")]
+    if isinstance(lattice, dict):
+        values += [value for key, value in lattice.items() if key not in ("name", "generators")]
+        drawn = lattice.get("generators")
+        for each in drawn if isinstance(drawn, list) else []:
+            values += [each.get("before")] if isinstance(each, dict) else []
+    keys = any(key in table for key in PAGE_KEYS)
+    return keys or any(isinstance(value, str | dict) for value in values)
+
+
+def _kind_of(table: Mapping[str, Any]) -> type[System]:
+    """Return the kind of the system in a file; InputError for a key that is unknown."""
+    own = OWN_KINDS.keys() >= table.keys() - {*SCENE_KEYS, *PAGE_KEYS}
     known: Mapping[str, type[System]] = OWN_KINDS if own else kinds()
-    found = msgspec.convert(
-        {key: value for key, value in table.items() if key not in known}, _SceneFile
-    )
+    tables = ", ".join(f"[{name}]" for name in known)
+    for stray in sorted(table.keys() - {*known, *SCENE_KEYS, *PAGE_KEYS}):
+        near = did_you_mean(stray, [*known, *SCENE_KEYS, *PAGE_KEYS])
+        keys = ", ".join((*SCENE_KEYS, *PAGE_KEYS, tables))
+        raise InputError(f"unknown key {stray!r}{near}, expected one of {keys}")
     names = [name for name in known if name in table]
     if len(names) != 1:
-        raise InputError(f"expected one of the tables {', '.join(f'[{name}]' for name in known)}")
-    system = _system(known[names[0]], table[names[0]])
+        raise InputError(f"expected one of the tables {tables}")
+    return known[names[0]]
+
+
+def _scene(table: dict[str, Any], where: str, kind: type[System], system: System | None) -> Scene:
+    found = converted({key: table[key] for key in SCENE_KEYS if key in table}, _SceneFile, "")
+    if found.rule and not _RULE.fullmatch(found.rule):  # an input must not name code
+        raise InputError(f"rule: expected the name of a rule, not of a file, found {found.rule!r}")
+    system = system or _system(kind, table[kind.table])
     start = _modules(system, "start", found.start)
     goals = tuple(
         _modules(system, f"goals[{number}]", each) for number, each in enumerate(found.goals)
@@ -88,6 +137,7 @@ def _scene(table: dict[str, Any], where: str) -> Scene:
         start=start,
         goal=None if goal is None else frozenset(goal),
         goals=goals * len(start) if len(goals) == 1 else goals,
+        rule=found.rule,
     )
 
 
@@ -100,17 +150,17 @@ def _modules(system: System, key: str, values: Iterable[object]) -> tuple[Site, 
 
 def _system(kind: type[System], table: object) -> System:
     try:
-        return kind.from_table(msgspec.convert(table, dict[str, Any]))
+        return kind.from_table(converted(table, dict[str, Any], kind.table))
     except msgspec.ValidationError as error:
-        # The error gives the place in the whole file.
-        what, at, place = str(error).rpartition(" - at `$")
-        if not at:
-            what, place = str(error), "`"
-        raise InputError(f"{what} - at `$.{kind.table}{place}") from None
+        raise InputError(f"{kind.table}: {mistake_of(error)}") from None
 
 
 def scene_to_toml(scene: Scene) -> str:
-    """Write a scene as TOML text; `scene_from_toml` gives an equal scene back."""
+    """Write a scene as TOML text; `scene_from_toml` gives an equal scene back.
+
+    >>> print(scene_to_toml(scene_from_spec("agv:graph=P2,n=1")).splitlines()[1])
+    name = "agv:graph=P2,n=1"
+    """
     table: dict[str, Any] = {
         "format": FORMAT,
         "name": scene.spec,
@@ -123,4 +173,6 @@ def scene_to_toml(scene: Scene) -> str:
         # Modules that all know the same goal (a chain's cells) share one entry.
         distinct = tuple(dict.fromkeys(scene.goals))
         table["goals"] = to_json(distinct if len(distinct) == 1 else scene.goals)
+    if scene.rule:
+        table["rule"] = scene.rule
     return tomli_w.dumps(table | {scene.system.table: scene.system.to_table()})

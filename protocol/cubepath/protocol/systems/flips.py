@@ -2,8 +2,8 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
-from typing import Any, ClassVar, Self
+from functools import cached_property, lru_cache, partial
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import msgspec
 import numpy as np
@@ -13,20 +13,18 @@ from cubepath.protocol.core.actions import Action, State, action_of_parts
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
-from cubepath.protocol.core.system import Bound, System
+from cubepath.protocol.core.system import KEPT, Bound, System
 from cubepath.protocol.systems.flip_greedy import Mesh, crossings
 from cubepath.protocol.systems.flip_refuting import TriangulationPair, proved
 from cubepath.protocol.systems.flip_search import FlipSearch, mesh_of, prepare
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import (
-    FLIPS_MAX,
     SWEEPS,
     Edge,
     Point,
     PointSet,
     Quadrilateral,
     Triangles,
-    all_quadrilaterals,
     distinct_edges,
     edge_of,
     edges_of,
@@ -67,6 +65,7 @@ class FlipSystem(System):
         """The edges that no other edge can cross: they are in every triangulation."""
         self.filled = self.kept
         self._flips: dict[tuple[int, ...], Move] = {}
+        self._between = lru_cache(maxsize=KEPT)(self.plane.on_the_way)
 
     def __reduce__(self) -> tuple[object, ...]:
         return partial(FlipSystem, self.plane.points), ()
@@ -90,13 +89,17 @@ class FlipSystem(System):
             frozenset(edges_of(start | self.kept)),
             frozenset(edges_of(goal | self.kept)),
             self.discovery,
-            partial(self._away, goal | self.kept),
+            partial(self.halvings, goal | self.kept),
         )
         for cubes in proved(ends, max(one.cubes, other.cubes)):
             yield Bound(cubes, "fewer rounds contradict themselves")
 
-    def _away(self, goal: State, edges: Sequence[Edge]) -> list[int]:
-        """Return how often the crossings of each edge with a triangulation must be halved."""
+    def halvings(self, goal: State, edges: Sequence[Edge]) -> list[int]:
+        """Return how often the crossings of each edge with a triangulation must be halved.
+
+        Few edges are compared with all others. Of many, each is followed through the triangulation,
+        at the cost of its crossings, unless coordinates are too wide for that.
+        """
         mesh = self._mesh(goal) if len(goal) > _CROSSED_MAX else None
         if mesh is not None:
             return [count.bit_length() for count in crossings(mesh, _rows(edges)).tolist()]
@@ -135,13 +138,6 @@ class FlipSystem(System):
                 yield [self._flip(quadrilateral(*corners)).action for corners in search.corners()]
             else:
                 yield None
-
-    def crossed_most(self, start: State, goal: State) -> int:
-        """Return how many edges of one triangulation an edge of the other crosses at most."""
-        one, other = self._mesh(start), self._mesh(goal)
-        if one is None or other is None:
-            return 0
-        return int(max(crossings(one, other.ends).max(), crossings(other, one.ends).max()))
 
     def prepare_paths(self) -> bool:
         """Compile the search, or load what was compiled."""
@@ -231,7 +227,7 @@ class FlipSystem(System):
         """Return whether an edge is in some triangulations and not in all of them."""
         match place:
             case (int(one), int(other)) if 0 <= one < other < len(self.plane.points):
-                return (one, other) not in self.kept and not self.plane.on_the_way(one, other)
+                return (one, other) not in self.kept and not self._between(one, other)
             case _:
                 return False
 
@@ -359,7 +355,10 @@ _FEW = 4096
 """With more points than this, the points beside each edge would take too much memory."""
 
 
-class _Discovery:
+_Found = TypeVar("_Found")
+
+
+class _Discovery(Generic[_Found]):
     """Flips whose four sides and one diagonal have been on, found when the last edge appears.
 
     Edges that were never on are ignored, so the cost is that of the visited triangulations. An
@@ -367,18 +366,19 @@ class _Discovery:
     """
 
     def __init__(
-        self, plane: PointSet, move: Callable[[Edge, tuple[int, int, int, int]], Move]
+        self, plane: PointSet, made: Callable[[Edge, tuple[int, int, int, int]], _Found]
     ) -> None:
+        """Take the points, and what to yield for a diagonal and the corners around it."""
         self._plane = plane
         self._few = len(plane.points) <= _FEW
         # By directed edge: the points on its left, as bits of an integer, if there are few.
         self._left: dict[Edge, int] = {}
-        self._move = move
+        self._made = made
         self._near: dict[int, set[int]] = {}
         # By directed edge: the corners of the empty triangles on its left.
         self._apexes: dict[Edge, list[int]] = {}
 
-    def meet(self, site: Site) -> Iterator[Move]:
+    def meet(self, site: Site) -> Iterator[_Found]:
         """Yield the flips that an edge completes, each from the diagonal that has been on."""
         plane = self._plane
         for one, other in edges_of((site,)):
@@ -394,7 +394,7 @@ class _Discovery:
                 for p, q, over in ((a, b, apex), (b, apex, a), (apex, a, b)):
                     for under in self._apexes.get((q, p), ()):
                         if plane.left(under, over, p) and plane.left(over, under, q):
-                            yield self._move(edge_of(p, q), (p, under, q, over))
+                            yield self._made(edge_of(p, q), (p, under, q, over))
                     self._apexes.setdefault((p, q), []).append(over)
 
     def _empty(self, a: int, b: int, c: int) -> bool:
@@ -404,6 +404,38 @@ class _Discovery:
         # No edge passes through a point, so none lies on a side.
         left = self._left
         return not left[a, b] & left[b, c] & left[c, a]
+
+
+POINTS_MAX = 300
+"""The largest point set: random points have about three flips for every pair."""
+FLIPS_MAX = 200_000
+"""The most flips; n points in convex position have n (n-1) (n-2) (n-3) / 24."""
+
+
+def all_quadrilaterals(plane: PointSet) -> tuple[Quadrilateral, ...]:
+    """Return all quadrilaterals in which a diagonal can flip, once each, by their corners.
+
+    Raises InputError if there are too many to list.
+    """
+    count = len(plane.points)
+    if count > POINTS_MAX:
+        raise InputError(
+            f"{count} points have too many flips to list them all, expected at most {POINTS_MAX}"
+        )
+
+    def made(edge: Edge, ring: tuple[int, int, int, int]) -> Quadrilateral | None:
+        """Leave out the greater of the two diagonals."""
+        return quadrilateral(*ring) if edge < edge_of(ring[1], ring[3]) else None
+
+    meet = _Discovery(plane, made).meet
+    found: list[Quadrilateral] = []
+    for one in range(count):
+        for other in range(one + 1, count):
+            if not plane.on_the_way(one, other):
+                found += [each for each in meet((one, other)) if each is not None]
+        if len(found) > FLIPS_MAX:
+            raise InputError(f"more than {FLIPS_MAX} flips among {count} points: too many")
+    return tuple(sorted(found, key=lambda each: each.corners))
 
 
 def _kept(plane: PointSet) -> frozenset[Edge]:
@@ -463,22 +495,19 @@ def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
     decreases k by at most floor((k + 1) / 2), to at least floor(k / 2), and f is there only when k
     is 0. Read backwards, the same holds for edges of the start.
 
-    Few edges are compared with all others. Of many, each is followed through the other
-    triangulation, at the cost of its crossings. Where coordinates are too wide for that, only the
-    longest are counted, since they cross the most.
+    Where coordinates span more than 64 bits can compute, only the longest edges are counted, since
+    they cross the most.
 
     For convex polygons, log n rounds are known to be of the right order: Galtier, Hurtado, Noy,
     Perennes and Urrutia, *Simultaneous edge flipping in triangulations* (2003).
     """
-    plane, most = system.plane, 0
-    ends = edges_of(start - goal), edges_of(goal - start)
-    if len(ends[1]) > _CROSSED_MAX and plane.small is not None:
-        return system.crossed_most(start, goal).bit_length()
-    for some, others in (ends, ends[::-1]):
-        rows = _rows(others)
-        for edge in sorted(some, key=lambda each: -plane.length(each))[:_CROSSED_MAX]:
-            most = max(most, int(plane.crossings(edge, rows).sum()))
-    return most.bit_length()
+    plane, found = system.plane, [0]
+    for one, other in ((start, goal), (goal, start)):
+        edges = edges_of(one - other)
+        if plane.small is None:
+            edges = sorted(edges, key=plane.length, reverse=True)[:_CROSSED_MAX]
+        found += system.halvings(other, edges)
+    return max(found)
 
 
 def flip_bound(system: FlipSystem, start: State, goal: State) -> int:

@@ -10,14 +10,7 @@ import msgspec
 from cubepath.protocol.core.actions import Action, action_of_parts
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.sites import (
-    Site,
-    in_order,
-    pairs_from_json,
-    site_text,
-    sites_from_json,
-    to_json,
-)
+from cubepath.protocol.core.sites import Site, in_order, site_hook, site_text, to_json
 from cubepath.protocol.core.system import (
     FAR,
     FIRST_LABEL,
@@ -154,13 +147,8 @@ class GraphSystem(System):
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Self:
         """Return the system of a table ``[graph]``; docs/files.md has its keys."""
-        found = msgspec.convert(table, _GraphTable)
-        return cls(
-            sites_from_json(found.vertices),
-            pairs_from_json(found.edges),
-            labels=found.labels,
-            compass=found.compass,
-        )
+        found = msgspec.convert(table, _GraphTable, dec_hook=site_hook)
+        return cls(found.vertices, found.edges, labels=found.labels, compass=found.compass)
 
     @staticmethod
     def _compass(vertex: Site, near: set[Site]) -> tuple[Site | None, ...]:
@@ -342,7 +330,7 @@ class GraphSystem(System):
 
 
 class _GraphTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    vertices: list[Any]
-    edges: list[tuple[Any, Any]]
+    vertices: list[Site]
+    edges: list[tuple[Site, Site]]
     compass: bool = False
     labels: Annotated[int, msgspec.Meta(ge=1)] | None = None

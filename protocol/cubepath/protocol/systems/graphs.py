@@ -15,7 +15,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened, read_text
-from cubepath.protocol.core.parsing import check_keys
+from cubepath.protocol.core.parsing import read_json
 from cubepath.protocol.core.sites import Site
 
 Edge = tuple[Site, Site]
@@ -231,14 +231,7 @@ def scenario_from_json(source: Source) -> PlannerInstance:
     Raises InputError if starts or goals lie outside the free cells, or two vehicles share one.
     """
     with opened(source) as file:
-        path, text = file.path, file.text()
-    try:
-        found = msgspec.json.decode(text, type=_ScenarioFile)
-        check_keys(text.encode(), where=f"{path}:")
-    except RecursionError:
-        raise InputError(f"{path}: lists in lists, nested too deeply") from None
-    except msgspec.DecodeError as error:
-        raise InputError(f"{path}: {error}") from None
+        path, found = file.path, read_json(file, _ScenarioFile)
     obstacles = frozenset(found.obstacles)
     if found.grid is not None:
         graph = _box(str(path), (0, 0), (found.grid[0] - 1, found.grid[1] - 1), obstacles)

@@ -9,17 +9,16 @@ import msgspec
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import (
-    HEX_DIRECTIONS,
-    HEXAGONS,
     LATTICES,
     Catalogue,
     Cell,
     Generator,
     Lattice,
     Move,
+    lattice_named,
 )
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
+from cubepath.protocol.core.sites import Site, in_order, site_hook, to_json
 from cubepath.protocol.core.system import FAR, KEPT, System, Ways, one_to_one, region_of
 
 _FARTHEST = FAR // 2
@@ -33,14 +32,16 @@ class LatticeSystem(System):
     `workspace` None is the whole lattice. `filled` and `empty` are the obstacles that are on and
     off; both may lie in a support, neither in a trace (paper, metamorphic system with obstacles).
 
-    With `connected`, on the hexagonal lattice, all states are connected, filled obstacles included:
-    an action is admissible as usual, and legal only if the state that it leads to is connected. No
+    With `connected`, all states are connected by cells that touch, filled obstacles included: an
+    action is admissible as usual, and legal only if the state that it leads to is connected. No
     neighbourhood decides this, so the system is not local: three moves may commute such that any
     two of them leave the aggregate connected and all three do not, a corner of positive curvature
     (paper, example of non-local positive curvature).
     """
 
     table: ClassVar[str] = "lattice"
+    lattices: ClassVar[Mapping[str, Lattice]] = LATTICES
+    """Those that a table can name; a class with lattices of its own has others."""
     catalogue: Catalogue
 
     def __init__(
@@ -54,8 +55,6 @@ class LatticeSystem(System):
     ) -> None:
         """Check the obstacles and derive all neighbourhoods from the catalogue."""
         lattice = catalogue.lattice
-        if connected and lattice != HEXAGONS:
-            raise InputError(f"connected: expected lattice 'hexagons', found {lattice.name!r}")
         # Narrower than in the base class, and set only here.
         self.catalogue = catalogue  # pyright: ignore[reportIncompatibleVariableOverride]
         self.local = not connected
@@ -73,16 +72,15 @@ class LatticeSystem(System):
         self.drawing = lattice.drawing
         self.site_size = lattice.arity
         self.dimension = lattice.dimension
-        self._near = _Neighbourhoods(catalogue)
-        self.move_slots = max(len(found) for found in catalogue.templates.values())
-        self.sense_slots = max(len(found) for found in self._near.sensed.values())
-        self.reach_slots = max(len(found) for found in self._near.reach.values())
-        self._sensed = self._near.keeper(self._near.sensed, pad=self.sense_slots)
-        self._listeners = self._near.keeper(self._near.listeners)
-        self._reach = self._near.keeper(self._near.reach)
-        kept = KEPT // max(1, self.move_slots // _FEW)  # hundreds of moves take a megabyte
-        self._kept_moves = lru_cache(maxsize=kept)(self._moves)
-        self._placed = lru_cache(maxsize=kept * self.move_slots)(catalogue.place)
+        near = self._near = _neighbourhoods(catalogue)
+        self.move_slots = near.move_slots
+        self.sense_slots = max(len(found) for found in near.sensed.values())
+        self.reach_slots = max(len(found) for found in near.reach.values())
+        self._sensed = near.sensed_at
+        self._listeners = near.listeners_at
+        self._reach = near.reach_at
+        self._kept_moves = lru_cache(maxsize=near.kept)(self._moves)
+        self._placed = near.placed
 
     def __reduce__(self) -> tuple[object, ...]:
         # The caches cannot be pickled, and need not be.
@@ -106,29 +104,25 @@ class LatticeSystem(System):
                 table[key] = to_json(in_order(sites))
         if not self.local:
             table["connected"] = True
-        table["generators"] = [_of_generator(each) for each in self.catalogue.generators]
+        table["generators"] = list(map(msgspec.to_builtins, self.catalogue.generators))
         return table
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Self:
         """Return the system of a table ``[lattice]``; docs/files.md has its keys."""
-        found = msgspec.convert(table, _LatticeTable)
-        lattice = LATTICES.get(found.name)
-        if lattice is None:
-            names = ", ".join(LATTICES)
-            raise InputError(f"unknown lattice {found.name!r}, expected one of {names}")
+        found = msgspec.convert(table, _LatticeTable, dec_hook=site_hook)
         return cls(
-            Catalogue(lattice, tuple(map(_generator, found.generators))),
-            workspace=None if found.workspace is None else sites_from_json(found.workspace),
-            filled=sites_from_json(found.filled),
-            empty=sites_from_json(found.empty),
+            Catalogue(lattice_named(found.name, cls.lattices), found.generators),
+            workspace=found.workspace,
+            filled=found.filled,
+            empty=found.empty,
             connected=found.connected,
         )
 
     def _moves(self, site: Site) -> tuple[Move | None, ...]:
         found: list[Move | None] = [
             move if self._fits(move.action) else None
-            for move in self.catalogue.proposals(self.catalogue.lattice.check(site), self._placed)
+            for move in self._near.proposals(self.catalogue.lattice.check(site))
         ]
         return tuple(found + [None] * (self.move_slots - len(found)))
 
@@ -153,11 +147,15 @@ class LatticeSystem(System):
         if generator not in self.catalogue.by_name:
             names = ", ".join(self.catalogue.by_name)
             raise InputError(f"unknown generator {generator!r}, expected one of {names}")
-        dimension = self.catalogue.lattice.dimension
+        lattice = self.catalogue.lattice
         if not (
-            isinstance(at, tuple) and len(at) == dimension and all(type(item) is int for item in at)
+            isinstance(at, tuple)
+            and len(at) == lattice.dimension
+            and all(type(item) is int for item in at)
+            and not (lattice.even and sum(at) % 2)
         ):
-            raise InputError(f"generator {generator!r}: 'at' is {dimension} integers, found {at!r}")
+            what = f"{lattice.dimension} integers" + lattice.even * " with an even sum"
+            raise InputError(f"generator {generator!r}: 'at' is {what}, found {at!r}")
         action = self._placed(generator, at)
         if not self._fits(action):
             raise ExcludedError(f"{action.label}: {self._why_unfit(action)}")
@@ -205,18 +203,7 @@ class LatticeSystem(System):
 
     def legal(self, state: AbstractSet[Site]) -> bool:
         """Return whether the cells that are on are connected, if they have to be."""
-        if self.local:
-            return True
-        rest = set(state)
-        found = [rest.pop()] if rest else []
-        while found:
-            q, r = HEXAGONS.check(found.pop())
-            for along, up in HEX_DIRECTIONS:
-                beside = (q + along, r + up)
-                if beside in rest:
-                    rest.remove(beside)
-                    found.append(beside)
-        return not rest
+        return self.local or self.catalogue.lattice.pieces(state) <= 1
 
     def with_moves(self, placed: Iterable[tuple[str, Site]]) -> System:
         """Return the catalogue on the whole lattice, without obstacles."""
@@ -245,57 +232,29 @@ class LatticeSystem(System):
         return Ways(near, one_to_one(generator.motion for generator in generators))
 
 
-class _GeneratorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
-    name: str
-    support: list[list[int]]
-    trace: list[list[int]]
-    before: list[list[int]]
-    after: list[list[int]]
-    motion: list[tuple[list[int], list[int]]] = msgspec.field(name="goes")
-    free: list[list[int]] = []
-    guards: list[tuple[list[int], list[int]]] = []
-
-
 class _LatticeTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     name: str
-    generators: list[_GeneratorTable]
-    workspace: list[Any] | None = None
-    filled: list[Any] = []
-    empty: list[Any] = []
+    generators: tuple[Generator, ...]
+    workspace: list[Site] | None = None
+    filled: list[Site] = []
+    empty: list[Site] = []
     connected: bool = False
 
 
-def _generator(table: _GeneratorTable) -> Generator:
-    return Generator(
-        name=table.name,
-        support=tuple(map(tuple, table.support)),
-        trace=tuple(map(tuple, table.trace)),
-        before=tuple(map(tuple, table.before)),
-        after=tuple(map(tuple, table.after)),
-        motion=tuple((tuple(a), tuple(b)) for a, b in table.motion),
-        free=tuple(map(tuple, table.free)),
-        guards=tuple((tuple(a), tuple(b)) for a, b in table.guards),
-    )
-
-
-def _of_generator(generator: Generator) -> dict[str, Any]:
-    found = {
-        "support": to_json(generator.support),
-        "trace": to_json(generator.trace),
-        "before": to_json(generator.before),
-        "after": to_json(generator.after),
-        "goes": to_json(generator.motion),
-        "free": to_json(generator.free),
-        "guards": to_json(generator.guards),
-    }
-    return {"name": generator.name, **{key: value for key, value in found.items() if value}}
-
-
 class _Neighbourhoods:
-    """Who senses and who can obstruct whom, as offsets from each orbit's representative."""
+    """Which sites sense and can obstruct which, as offsets from each orbit's representative.
+
+    What was asked of a catalogue is kept: it is the same for all systems that have it.
+    """
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._catalogue = catalogue
+        self.move_slots = max(len(found) for found in catalogue.templates.values())
+        self.kept = KEPT // max(1, self.move_slots // _FEW)  # hundreds of moves take a megabyte
+        self.placed = lru_cache(maxsize=self.kept * self.move_slots)(catalogue.place)
+        self.proposals = lru_cache(maxsize=self.kept)(
+            lambda cell: catalogue.proposals(cell, self.placed)
+        )
         lattice = catalogue.lattice
         proposals = {orbit: catalogue.proposals(orbit) for orbit in sorted(catalogue.templates)}
         supports = {
@@ -316,19 +275,23 @@ class _Neighbourhoods:
                         heard.add(lattice.shift(other, by))
             self.listeners[orbit] = _cells(heard)
             self.reach[orbit] = self._competitors(orbit, proposals)
+        pad = max(map(len, self.sensed.values()))
+        self.sensed_at = self._keeper(self.sensed, pad=pad)
+        self.listeners_at = self._keeper(self.listeners)
+        self.reach_at = self._keeper(self.reach)
 
     def _competitors(
         self, orbit: Cell, proposals: Mapping[Cell, tuple[Move, ...]]
     ) -> tuple[Cell, ...]:
         lattice = self._catalogue.lattice
-        mine = _Reached(lattice, proposals[orbit])
+        my_traces, my_supports = self._reached(proposals[orbit])
         found: set[Site] = set()
         # A move there commutes with one here unless one's trace meets the other's support; so what
         # takes a site of the one to a site of the other takes a module to a place of competitors.
         for other, moves in proposals.items():
-            theirs = _Reached(lattice, moves)
-            for ours, of_theirs in ((mine.traces, theirs.supports), (mine.supports, theirs.traces)):
-                for site, there in product(ours, of_theirs):
+            traces, supports = self._reached(moves)
+            for mine, theirs in ((my_traces, supports), (my_supports, traces)):
+                for site, there in product(mine, theirs):
                     by = lattice.between(there, site)
                     if by is not None:
                         found.add(lattice.shift(other, by))
@@ -344,7 +307,13 @@ class _Neighbourhoods:
                         found.add(lattice.shift(other, by))
         return _cells(found)
 
-    def keeper(
+    def _reached(self, moves: Iterable[Move]) -> tuple[set[Cell], set[Cell]]:
+        """Return the cells of all traces, and of all supports, of some moves."""
+        check = self._catalogue.lattice.check
+        traces = {check(site) for move in moves for site in move.action.trace}
+        return traces, {check(site) for move in moves for site in move.action.support}
+
+    def _keeper(
         self, table: Mapping[Cell, tuple[Cell, ...]], *, pad: int = 0
     ) -> Callable[[Site], tuple[Site, ...]]:
         """Return a cached function from a place to its neighbourhood in `table`."""
@@ -361,13 +330,7 @@ class _Neighbourhoods:
         return at
 
 
-class _Reached:
-    """The cells of all traces and of all supports of some moves."""
-
-    def __init__(self, lattice: Lattice, moves: Iterable[Move]) -> None:
-        check = lattice.check
-        self.traces = {check(site) for move in moves for site in move.action.trace}
-        self.supports = {check(site) for move in moves for site in move.action.support}
+_neighbourhoods = lru_cache(maxsize=16)(_Neighbourhoods)
 
 
 def _cells(sites: Iterable[Site]) -> tuple[Cell, ...]:

@@ -12,18 +12,10 @@ from typing import Any, ClassVar, Self
 
 import msgspec
 
-from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.actions import Action, ActionContents, commute, contents_of
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.sites import (
-    Site,
-    in_order,
-    pairs_from_json,
-    site_from_json,
-    site_text,
-    sites_from_json,
-    to_json,
-)
+from cubepath.protocol.core.sites import Site, in_order, site_hook, site_text, to_json
 from cubepath.protocol.core.system import FAR, FIRST_LABEL, KEPT, System, Ways, one_to_one
 
 Point = tuple[float, float]
@@ -191,13 +183,13 @@ class TabledSystem(System):
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Self:
         """Return the system of a table ``[listed]``; docs/files.md has its keys."""
-        found = msgspec.convert(table, _ListTable)
+        found = msgspec.convert(table, _ListTable, dec_hook=site_hook)
         return cls(
-            [_move(each) for each in found.moves],
+            [each.move() for each in found.moves],
             letters=found.letters,
-            fixed=sites_from_json(found.fixed),
+            fixed=found.fixed,
             drawing=found.drawing,
-            positions={site_from_json(place): (x, y) for place, x, y in found.positions},
+            positions={place: (x, y) for place, x, y in found.positions},
         )
 
     def lines(self) -> Iterable[tuple[Site, Site]]:
@@ -339,53 +331,29 @@ class TabledSystem(System):
                 raise InputError(f"no letter is on at place {place!r}")
 
 
-class _MoveTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class _MoveTable(ActionContents, frozen=True):
     generator: str
-    at: Any
-    support: list[Any]
-    trace: list[Any]
-    before: list[Any]
-    after: list[Any]
-    motion: list[tuple[Any, Any]] = msgspec.field(name="goes")
-    free: list[Any] = []
-    guards: list[tuple[Any, Any]] = []
+    at: Site
+    motion: tuple[tuple[Site, Site], ...] = msgspec.field(name="goes")
+
+    def move(self) -> Move:
+        """Return the move; InputError if it is none."""
+        action = self.action(f"{self.generator} at {site_text(self.at)}")
+        return Move(action, self.generator, self.at, self.motion)
 
 
 class _ListTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     drawing: str
     moves: list[_MoveTable]
     letters: list[str] = []
-    fixed: list[Any] = []
-    positions: list[tuple[Any, float, float]] = []
-
-
-def _move(table: _MoveTable) -> Move:
-    at = site_from_json(table.at)
-    action = Action(
-        sites_from_json(table.support),
-        sites_from_json(table.trace),
-        sites_from_json(table.before),
-        sites_from_json(table.after),
-        free=sites_from_json(table.free),
-        guards=pairs_from_json(table.guards),
-        label=f"{table.generator} at {site_text(at)}",
-    )
-    return Move(action, table.generator, at, pairs_from_json(table.motion))
+    fixed: list[Site] = []
+    positions: list[tuple[Site, float, float]] = []
 
 
 def _of_move(move: Move) -> dict[str, Any]:
-    action = move.action
-    sources = frozenset(source for source, _ in move.motion)
-    ends = action.ends if sources <= action.ends[0] else action.ends[::-1]
-    found = {
-        "support": to_json(in_order(action.support)),
-        "trace": to_json(in_order(action.trace)),
-        "before": to_json(in_order(ends[0])),
-        "after": to_json(in_order(ends[1])),
-        "goes": to_json(move.motion),
+    reverse = not {source for source, _ in move.motion} <= move.action.ends[0]
+    contents = msgspec.structs.asdict(contents_of(move.action, reverse=reverse))
+    parts = {"generator": move.generator, "at": move.at, **contents, "goes": move.motion}
+    return {
+        key: to_json(part) for key, part in parts.items() if part or key not in ("free", "guards")
     }
-    if action.free:
-        found["free"] = to_json(in_order(action.free))
-    if action.guards:
-        found["guards"] = to_json(in_order(action.guards))
-    return {"generator": move.generator, "at": to_json(move.at), **found}

@@ -1,22 +1,32 @@
 """Your own certificate authority for runs on several hosts, and the certificates it issues.
 
-The router's certificate names the hosts where it listens, and serves for nothing else. The others
-name the sender and are for clients only, so no client can pose as the router. Keys are P-256.
+A router's certificate names the hosts where it listens, and links it with others. The others name
+the sender and are for clients only, so no client can pose as a router. Keys are P-256.
 """
 
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Sequence
+import shutil
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import new_file
-from cubepath.protocol.wire.access import PROCESSES_MAX
-from cubepath.protocol.wire.credentials import AUTHORITY, COORDINATOR, GUEST, ROUTER, process_name
+from cubepath.protocol.wire.access import KEEPERS_MAX, PROCESSES_MAX, ROUTERS
+from cubepath.protocol.wire.credentials import (
+    AUTHORITY,
+    COORDINATOR,
+    GUEST,
+    ROUTER,
+    keeper_name,
+    process_name,
+)
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -30,32 +40,78 @@ _EARLIER = timedelta(hours=1)
 
 
 def make_certificates(
-    folder: Path, *, processes: int = 4, hosts: Sequence[str] = (), days: int = 365
+    folder: Path,
+    *,
+    processes: int = 4,
+    keepers: int = 4,
+    hosts: Sequence[str] = (),
+    days: int = 365,
 ) -> list[str]:
     """Write the certificates of a fleet to a new folder; return their names.
 
     A ``.crt`` and a ``.key`` file each for the authority, the router at these hosts (names or IP
-    addresses) and at `HOSTS`, the coordinator, this many processes and a guest. Keys have mode
-    0600, the folder 0700. InputError if the folder exists and is not empty, if an argument is out
-    of its bounds, or if the library `cryptography` is not installed.
+    addresses) and at `HOSTS`, the coordinator, this many processes and keepers, and a guest. A host
+    ``HOST=NAME,NAME`` has a router of its own, which may forward the messages of these names alone;
+    what is for that host is in the folder HOST in this folder too. Keys have mode 0600, folders
+    0700. InputError if the folder exists and is not empty, if an argument is out of its bounds, or
+    if the library `cryptography` is not installed.
     """
     if find_spec("cryptography") is None:
         raise InputError(
             "certificates take the library cryptography: pip install 'cubepath[secure]'"
         )
-    if not 0 <= processes <= PROCESSES_MAX:
-        raise InputError(f"processes={processes}: expected 0 to {PROCESSES_MAX}")
+    for name, number, most in (
+        ("processes", processes, PROCESSES_MAX),
+        ("keepers", keepers, KEEPERS_MAX),
+    ):
+        if not 0 <= number <= most:
+            raise InputError(f"{name}={number}: expected 0 to {most}")
     if not 1 <= days <= DAYS_MAX:
         raise InputError(f"days={days}: expected 1 to {DAYS_MAX}")
-    found = [_host(host) for host in dict.fromkeys((*HOSTS, *hosts))]
+    names = [COORDINATOR, *map(process_name, range(processes)), *map(keeper_name, range(keepers))]
+    own = _routers([host for host in hosts if "=" in host], names)
+    found = {host: _host(host) for host in (*HOSTS, *own, *(h for h in hosts if "=" not in h))}
     _make_folder(folder)
     until = datetime.now(UTC) + timedelta(days=days)
     authority = _Authority(folder, until)
-    names = [COORDINATOR, *map(process_name, range(processes)), GUEST.name]
-    authority.certify(ROUTER, found)
+    shared = [each for host, each in found.items() if host in HOSTS or host not in own]
+    authority.certify(ROUTER, shared)
+    names.append(GUEST.name)
     for name in names:
         authority.certify(name, [])
-    return [AUTHORITY, ROUTER, *names]
+    routers = {f"{ROUTER}_{number}": host for number, host in enumerate(own, 1)}
+    for router, host in routers.items():
+        authority.certify(router, [found[each] for each in (*HOSTS, host)])
+        _copy(folder, folder / host, {router: ROUTER} | {name: name for name in own[host]})
+    if routers:
+        forwarded = msgspec.json.encode({router: own[host] for router, host in routers.items()})
+        for each in (folder, *(folder / host for host in own)):
+            (each / ROUTERS).write_bytes(forwarded)
+    return [AUTHORITY, ROUTER, *names, *routers]
+
+
+def _copy(folder: Path, to: Path, names: Mapping[str, str]) -> None:
+    """Copy what a host needs to a new folder: the certificates of these, by their names there."""
+    _make_folder(to)
+    shutil.copy(folder / f"{AUTHORITY}.crt", to)
+    for name, there in {**names, GUEST.name: GUEST.name}.items():
+        for suffix in ("crt", "key"):
+            shutil.copy(folder / f"{name}.{suffix}", to / f"{there}.{suffix}")
+
+
+def _routers(hosts: Sequence[str], names: Sequence[str]) -> dict[str, list[str]]:
+    """Return by host the names whose messages its router forwards; InputError if one is unknown."""
+    found: dict[str, list[str]] = {}
+    for text in hosts:
+        host, _, forwarded = text.partition("=")
+        found[host] = forwarded.split(",")
+        for name in found[host]:
+            if name not in names:
+                raise InputError(
+                    f"host={text}: no certificate is made for {name!r}, expected names of processes"
+                    " and keepers, separated by commas"
+                )
+    return found
 
 
 def _host(host: str) -> x509.GeneralName:
@@ -101,18 +157,20 @@ class _Authority:
         self._write(AUTHORITY, builder, self._key)
 
     def certify(self, name: str, hosts: list[x509.GeneralName]) -> None:
-        """Make a key and a certificate for it: of a server at these hosts, or of a client."""
+        """Make a key and a certificate for it: of a router at these hosts, or of a client."""
         from cryptography import x509  # noqa: PLC0415
         from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
         from cryptography.x509.oid import ExtendedKeyUsageOID  # noqa: PLC0415
 
         key = ec.generate_private_key(ec.SECP256R1())
-        use = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
+        # A router is a client of the routers to which it is linked.
+        uses = [ExtendedKeyUsageOID.CLIENT_AUTH]
+        uses += [ExtendedKeyUsageOID.SERVER_AUTH] if hosts else []
         builder = self._builder(name, key)
         builder = builder.add_extension(
             x509.BasicConstraints(ca=False, path_length=None), critical=True
         )
-        builder = builder.add_extension(x509.ExtendedKeyUsage([use]), critical=False)
+        builder = builder.add_extension(x509.ExtendedKeyUsage(uses), critical=False)
         if hosts:
             builder = builder.add_extension(x509.SubjectAlternativeName(hosts), critical=False)
         self._write(name, builder, key)

@@ -61,6 +61,11 @@ def is_private(endpoint: str) -> bool:
     )
 
 
+def has_ended(endpoint: str) -> bool:
+    """Return whether a private router has ended, which removes its socket."""
+    return is_private(endpoint) and not Path(endpoint.removeprefix(SCHEME)).exists()
+
+
 def clear(endpoint: str) -> Path:
     """Remove what a router that was killed left of its socket; return its folder, there again.
 
@@ -115,6 +120,11 @@ def keeper_name(keeper: int) -> str:
     return f"keeper_{keeper}"
 
 
+def number_in(name: str) -> int:
+    """Return the number in the name of a process or a keeper."""
+    return int(name.rpartition("_")[2])
+
+
 def certificate_files(folder: Path, name: str) -> tuple[Path, Path, Path]:
     """Return the authority's certificate, and a name's own with its key.
 
@@ -143,7 +153,7 @@ def settings_for(endpoint: str, credentials: Credentials) -> Mapping[str, Any]:
             "transport/auth/usrpwd/password": credentials.password,
         }
     if not endpoint.startswith(TLS):
-        return {}  # a router without passwords refuses whoever has one
+        return {}  # a router without passwords refuses a client that has one
     if not credentials.folder:
         raise InputError(f"endpoint {endpoint}: expected a folder of certificates (--secure DIR)")
     authority, own, key = certificate_files(Path(credentials.folder), credentials.name)

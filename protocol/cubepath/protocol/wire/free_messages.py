@@ -34,8 +34,6 @@ from cubepath.protocol.wire.messages import (
     Summary,
 )
 
-HOLD_TICKS_MAX = 200
-"""A keeper holds places for a thinking module for at most this long."""
 Register: TypeAlias = list[NoteNumber]
 """The note of a module as its keeper holds it: empty before it has sent anything."""
 _Line = Annotated[str, msgspec.Meta(max_length=4096)]
@@ -77,21 +75,6 @@ class EnterRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="enter"):
 
     module: Count
     incarnation: Count
-
-
-class Hold(msgspec.Struct, frozen=True, tag_field="kind", tag="hold"):
-    """A module that was refused time and again asks that some places stay as they are for a while.
-
-    They are places of one keeper that it senses. For `ticks` of the keeper, or until its next
-    attempt there is decided, nobody else changes or relies on them; 0 gives them up. It has its own
-    `number` in each epoch.
-    """
-
-    module: Count
-    epoch: Count
-    number: Count
-    places: list[Site]
-    ticks: Annotated[int, msgspec.Meta(ge=0, le=HOLD_TICKS_MAX)]
 
 
 class TileQuery(msgspec.Struct, frozen=True, tag_field="kind", tag="tile_query"):
@@ -218,21 +201,12 @@ class Entered(msgspec.Struct, frozen=True, tag_field="kind", tag="entered"):
     occupant: Occupant
 
 
-class Held(msgspec.Struct, frozen=True, tag_field="kind", tag="held"):
-    """The places that a module asked for are held for it from now on, and show this."""
-
-    module: Count
-    epoch: Count
-    number: Count
-    parts: list[PlaceState]
-
-
 class Requests(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="requests"):
     """What the modules of a process ask of a keeper."""
 
     process: Count
     keeper: Count
-    parts: list[Attempt | EnterRequest | Hold | TileQuery]
+    parts: list[Attempt | EnterRequest | TileQuery]
     incarnation: Count = 0
     sequence: Count = 0
 
@@ -252,7 +226,7 @@ class Replies(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
 
     keeper: Count
     process: Count
-    parts: list[Decision | Entered | Held]
+    parts: list[Decision | Entered]
     incarnation: Count = 0
     sequence: Count = 0
 
@@ -317,16 +291,20 @@ class Halted(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", 
 
 
 class CommitQuery(msgspec.Struct, frozen=True, tag_field="kind", tag="fetch"):
-    """The coordinator asks a keeper for its commits after `serial`, some at a time."""
+    """The coordinator asks a keeper for its commits after `serial`, some at a time.
+
+    Those up to `recorded` are in the file of the recording, so the keeper may forget them.
+    """
 
     keeper: Count
     serial: Count
+    recorded: Count = 0
 
 
 class RetransmitRange(msgspec.Struct, frozen=True, tag_field="kind", tag="retransmit_range"):
     """The coordinator asks a sender to say its messages after a number again, up to another one.
 
-    `to` is its name. Who has forgotten them, or was born again, says nothing.
+    `to` is its name. A keeper that has forgotten them, or was restarted, does not answer.
     """
 
     to: Name
@@ -430,20 +408,20 @@ def free_topic(message: FreeMessage) -> str:
 
 def free_key(run: str, message: FreeMessage) -> str:
     """Return the key that a message is put on; it ends with who puts."""
-    kind, who = free_kind(message), free_sender(message)
+    kind, sender = free_kind(message), free_sender(message)
     match message:
         case Requests(keeper=keeper) | CommitQuery(keeper=keeper):
-            return f"cubepath/{run}/{kind}/{keeper}/{who}"
+            return f"cubepath/{run}/{kind}/{keeper}/{sender}"
         case Forwards(to=keeper):
-            return f"cubepath/{run}/{kind}/{keeper}/{who}"
+            return f"cubepath/{run}/{kind}/{keeper}/{sender}"
         case Replies(process=process):
-            return f"cubepath/{run}/{kind}/{process}/{who}"
+            return f"cubepath/{run}/{kind}/{process}/{sender}"
         case RetransmitRange(to=name):
-            return f"cubepath/{run}/{kind}/{name}/{who}"
+            return f"cubepath/{run}/{kind}/{name}/{sender}"
         case TileUpdate(tile=tile):
-            return f"cubepath/{run}/{kind}/{tile}/{who}"
+            return f"cubepath/{run}/{kind}/{tile}/{sender}"
         case _:
-            return f"cubepath/{run}/{kind}/{who}"
+            return f"cubepath/{run}/{kind}/{sender}"
 
 
 def read_free(run: str, key: str, data: bytes) -> FreeMessage | None:

@@ -24,6 +24,7 @@ from zlib import crc32
 
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
+from cubepath.protocol.wire.access import KEEPERS_MAX
 from cubepath.protocol.wire.messages import (
     Bundle,
     Certified,
@@ -57,7 +58,7 @@ _NAME = re.compile(r"-?[0-9]+(,-?[0-9]+)?")
 class Tiles:
     """The tiles of a system, dealt to this many keepers."""
 
-    keepers_max: ClassVar[int] = 256
+    keepers_max: ClassVar[int] = KEEPERS_MAX
     """A run has at most this many."""
 
     def __init__(self, system: System, keepers: int) -> None:
@@ -179,6 +180,6 @@ def everything(run: str) -> str:
     return f"{ROOT}/{run}/**"
 
 
-def topic_key(run: str, kind: str, who: str = "**") -> str:
+def topic_key(run: str, kind: str, sender: str = "**") -> str:
     """Return the key of a kind of message and its sender, or of any sender."""
-    return f"{ROOT}/{run}/{kind}/{who}"
+    return f"{ROOT}/{run}/{kind}/{sender}"

@@ -6,6 +6,7 @@ in a process on zenoh and under a simulator. A shell carries the effects out in 
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
@@ -72,3 +73,15 @@ class Node(Protocol):
     @abstractmethod
     def tick(self) -> list[Effect]:
         """Note that the timer has run out."""
+
+
+class BatchNode(Node):
+    """A node that answers once what has arrived together: what it says takes fewer messages."""
+
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message as a batch of one."""
+        return self.receive_all([(key, data)])
+
+    @abstractmethod
+    def receive_all(self, messages: Sequence[tuple[str, bytes]]) -> list[Effect]:
+        """Take messages in their order, each with its key, whatever they are."""

@@ -13,8 +13,6 @@ from cubepath.protocol.wire.free_messages import (
     EnterRequest,
     Forwarded,
     Forwards,
-    Held,
-    Hold,
     Inquiry,
     PlaceState,
     Replies,
@@ -34,14 +32,12 @@ from cubepath.protocol.wire.messages import KINDS, decode, encode, parts_of
 _Part: TypeAlias = (
     Attempt
     | EnterRequest
-    | Hold
     | TileQuery
     | Forwarded
     | Decision
     | Inquiry
     | Settled
     | Entered
-    | Held
     | PlaceState
     | Turn
 )
@@ -60,7 +56,7 @@ def schema_of(kind: str) -> dict[str, Any]:
     return {**top, "$defs": definitions} if definitions else top
 
 
-def topic_said(data: bytes) -> str | None:
+def topic_in(data: bytes) -> str | None:
     """Return the topic of a message by what it says itself; None if it is none."""
     try:
         return topic_of(decode(data))
@@ -72,7 +68,7 @@ def topic_said(data: bytes) -> str | None:
         return None
 
 
-def parts_said(kind: str, data: bytes) -> list[tuple[str, bytes]]:
+def parts_in(kind: str, data: bytes) -> list[tuple[str, bytes]]:
     """Return topic and bytes of each part of a batch; InputError if it is none."""
     if kind in FREE_KINDS:
         return _free_parts(data)
@@ -84,14 +80,12 @@ def _free_parts(data: bytes) -> list[tuple[str, bytes]]:
     parts: Sequence[_Part] = ()
     if isinstance(message, Requests | Forwards | Replies | TileUpdate | Turns):
         parts = message.parts
-    who = free_sender(message)
+    sender = free_sender(message)
     found = []
     for part in parts:
         # A module speaks for itself, a keeper and a process for all that they have.
         speaker = (
-            f"module_{part.module}"
-            if isinstance(part, Attempt | EnterRequest | Hold | Turn)
-            else who
+            f"module_{part.module}" if isinstance(part, Attempt | EnterRequest | Turn) else sender
         )
         found.append((f"{part.__struct_config__.tag or SHOWN}/{speaker}", encode(part)))
     return found

@@ -18,7 +18,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -44,6 +44,7 @@ from cubepath.protocol.wire.credentials import (
 from cubepath.protocol.wire.sessions import (
     check_descriptors,
     check_endpoint,
+    endpoints_in,
     open_router,
     reachable,
 )
@@ -56,13 +57,15 @@ _END_S_MAX = 5.0
 
 
 class Routing(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a router process is told when it starts."""
+    """What a router process needs when it starts."""
 
     endpoint: str
     passwords: dict[str, str] = {}
     folder: str = ""
     """Of the certificates, for an endpoint over TLS."""
     message_bytes_max: int = 0
+    links: tuple[str, ...] = ()
+    """Where the routers are to which it is linked."""
 
 
 class Router:
@@ -75,13 +78,14 @@ class Router:
         processes: int = 1,
         keepers: int = 0,
         secure: Path | None = None,
+        links: Sequence[str] = (),
     ) -> None:
         """Start it at an endpoint, or a private one, and wait until it listens.
 
         Over ``tcp`` it lets everyone in and lets them say everything. Over ``tls`` it takes a
         certificate of the authority in the folder `secure`, and each speaks on its own keys.
         Private, it knows the coordinator, this many processes and keepers, and guests, who only
-        listen.
+        listen. It connects to the routers at `links`, whose lists say what comes from there.
 
         Raises InputError if the endpoint is neither ``tcp/HOST:PORT`` nor ``tls/HOST:PORT``, its
         certificates are missing or the router cannot listen there, and CubepathError if
@@ -90,12 +94,14 @@ class Router:
         check_descriptors(processes + keepers)
         if endpoint is not None:
             check_endpoint(endpoint)
-            check_secure(endpoint, secure)
+            for each in (endpoint, *links):
+                check_secure(each, secure)
         elif secure is not None:
             endpoint = ON_LOOPBACK
         if secure is not None:
             certificate_files(secure, ROUTER)
         self._secure = secure
+        self._links = tuple(links)
         self._passwords: dict[str, str] = {}
         if endpoint is None:
             endpoint = new_endpoint()
@@ -140,9 +146,11 @@ class Router:
         from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX  # noqa: PLC0415
 
         folder = "" if self._secure is None else str(self._secure)
-        told = msgspec.json.encode(Routing(endpoint, self._passwords, folder, MESSAGE_BYTES_MAX))
+        settings = msgspec.json.encode(
+            Routing(endpoint, self._passwords, folder, MESSAGE_BYTES_MAX, self._links)
+        )
         with contextlib.suppress(BrokenPipeError):  # it died at once: noticed when listening
-            self._child.stdin.write(told + b"\n")
+            self._child.stdin.write(settings + b"\n")
             self._child.stdin.flush()
 
     def _listening(self) -> str:
@@ -150,8 +158,8 @@ class Router:
         if self._child.stdout is None:
             raise AssertionError("no pipe from the router")  # it was requested above
         try:
-            told = select.select([self._child.stdout], [], [], _START_S_MAX)[0]
-            if not told:
+            ready = select.select([self._child.stdout], [], [], _START_S_MAX)[0]
+            if not ready:
                 self._child.kill()  # its line is then empty
             found = self._child.stdout.readline().decode().strip()
         except BaseException:
@@ -215,11 +223,12 @@ class Router:
 
 
 def check_secure(endpoint: str, secure: Path | None) -> None:
-    """Check that an endpoint over TLS has certificates, and no other has; InputError if not."""
-    if endpoint.startswith(TLS) and secure is None:
-        raise InputError(f"endpoint {endpoint}: expected a folder of certificates (--secure DIR)")
-    if secure is not None and not endpoint.startswith(TLS):
-        raise InputError(f"endpoint {endpoint}: expected tls/HOST:PORT with certificates")
+    """Check that endpoints over TLS have certificates, and no others have; InputError if not."""
+    for each in endpoints_in(endpoint):
+        if each.startswith(TLS) and secure is None:
+            raise InputError(f"endpoint {each}: expected a folder of certificates (--secure DIR)")
+        if secure is not None and not each.startswith(TLS):
+            raise InputError(f"endpoint {each}: expected tls/HOST:PORT with certificates")
 
 
 def without_tls(endpoint: str) -> str:
@@ -245,7 +254,9 @@ def main() -> int:
         return 0  # the coordinator has ended already
     routing = msgspec.json.decode(line, type=Routing)
     try:
-        session, found = open_router(routing.endpoint, _guard(routing), routing.message_bytes_max)
+        session, found = open_router(
+            routing.endpoint, _guard(routing), routing.message_bytes_max, routing.links
+        )
     except InputError as error:
         print(error, file=sys.stderr)
         return _REFUSED

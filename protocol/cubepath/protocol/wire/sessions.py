@@ -1,10 +1,11 @@
 """Zenoh sessions: a router, clients to it, and no discovery.
 
 The settings ensure that no client loses a message: BLOCK puts, one priority, a long wait before a
-stalled transport is closed, no shared memory (its counters run out at about 350 clients). The link
-to a stopped process is kept for longer than any run waits; a process that ends is noticed
-immediately all the same. A router does not wait that long: it cuts off a client that does not read,
-and the client reconnects and asks for what it missed. Measured with eclipse-zenoh 1.10.
+stalled transport is closed, no shared memory (its counters run out at about 350 clients). On one
+host the link to a stopped process is kept for longer than any run waits; between hosts a link that
+is silent for `LEASE_S` is closed, and its client connects anew, perhaps to another router. A
+process that ends is noticed immediately all the same. A router cuts off a client that does not
+read, and the client reconnects and asks for what it missed. Measured with eclipse-zenoh 1.10.
 """
 
 import contextlib
@@ -13,13 +14,13 @@ import re
 import resource
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import zenoh
 
-from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.errors import CubepathError, InputError, OptionError
 from cubepath.protocol.wire.credentials import GUEST, SCHEME, TLS, Credentials, settings_for
 
 _BLOCKED = "transport/link/tx/queue/congestion_control/block/wait_before_close"
@@ -27,12 +28,17 @@ _STALL_US_MAX = 3_600_000_000
 _STALL_US_AT_ROUTER = 1_000_000
 """How long a router waits for who does not read, and everybody else with it."""
 _KEY_BYTES_MAX = 1 << 16
-_LEASE_MS = 3_600_000
+LEASE_S = 10.0
+"""How long a session that says nothing is taken for alive, where a host may be cut off."""
+_LEASE_S_ON_ONE_HOST = 3600.0
+"""The same over a unix socket: longer than any run waits for a process that stands still."""
 _FOR_SESSIONS = 24
 """Descriptors that a router and two clients need, with a few to spare."""
 _FOR_A_PROCESS = 4
 _POLL_S = 0.0005
 _AGAIN_S = 0.1
+_RETRY = {"period_init_ms": 1000, "period_max_ms": 1000, "period_increase_factor": 1}
+"""How often a client whose router is gone looks for one."""
 _OPEN_S = 10.0
 """After this time an attempt to connect is over."""
 _TAKE_S = 1.0
@@ -46,8 +52,9 @@ _FROM = re.compile(rf"#bind={_PLACE}", re.ASCII)
 _EVERYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}  # noqa: S104 - looked for, not listened on
 
 
-def _config(mode: str, **settings: object) -> zenoh.Config:
+def _config(mode: str, endpoint: str, **settings: object) -> zenoh.Config:
     config = zenoh.Config()
+    lease_s = _LEASE_S_ON_ONE_HOST if endpoint.startswith(SCHEME) else LEASE_S
     base: dict[str, object] = {
         "mode": mode,
         "scouting/multicast/enabled": False,
@@ -55,7 +62,7 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
         "scouting/delay": 0,
         "adminspace/enabled": True,
         "transport/shared_memory/enabled": False,
-        "transport/link/tx/lease": _LEASE_MS,
+        "transport/link/tx/lease": round(1000 * lease_s),
         "transport/unicast/open_timeout": round(1000 * _OPEN_S),
         _BLOCKED: _STALL_US_MAX,
     }
@@ -85,6 +92,17 @@ def check_descriptors(processes: int = 0, files: int = 0) -> None:
         )
 
 
+def endpoints_in(text: str) -> list[str]:
+    """Return the endpoints of linked routers, separated by commas: a client has one at a time."""
+    return text.split(",")
+
+
+def check_endpoints(text: str) -> None:
+    """Check endpoints to connect to, each as `check_endpoint` does; InputError if one is wrong."""
+    for endpoint in endpoints_in(text):
+        check_endpoint(endpoint, connect=True)
+
+
 def check_endpoint(endpoint: str, *, connect: bool = False) -> None:
     """Check that an endpoint is ``tcp/HOST:PORT`` or ``tls/HOST:PORT``; InputError if not.
 
@@ -98,26 +116,37 @@ def check_endpoint(endpoint: str, *, connect: bool = False) -> None:
         )
 
 
+def check_links(endpoint: str, links: Sequence[str]) -> None:
+    """Check where a router that listens at an endpoint is to connect to; not itself: InputError."""
+    for each in links:
+        check_endpoint(each, connect=True)
+        if each.partition("#")[0] == endpoint:
+            raise OptionError(f"connect={each}: this router itself, expected another one")
+
+
 def open_router(
-    endpoint: str, guard: Mapping[str, Any], message_bytes_max: int
+    endpoint: str, guard: Mapping[str, Any], message_bytes_max: int, links: Sequence[str] = ()
 ) -> tuple[zenoh.Session, str]:
     """Open a router at an endpoint, port 0 for a free one; return it with where it listens.
 
-    `guard` has the settings by which it lets clients in and lets them speak. A message of more
-    bytes, its key beside it, is dropped before it is put together. Raises InputError if the router
-    cannot listen there. It should have a separate process, as `Router` gives it: the receiving
-    threads of zenoh are shared by all sessions of a process, and under a flood they would wait for
-    each other.
+    It connects to the routers at `links`, whenever they come or come back: linked routers serve as
+    one. Of two, one alone may connect to the other (zenoh 1.10 panics). `guard` has the settings by
+    which it lets clients in and lets them speak. A message of more bytes, its key beside it, is
+    dropped before it is put together. Raises InputError if the router cannot listen there. It
+    should have a separate process, as `Router` gives it: the receiving threads of zenoh are shared
+    by all sessions of a process, and under a flood they would wait for each other.
     """
     settings: Mapping[str, Any] = {
         "listen/endpoints": [endpoint],
-        "connect/endpoints": [],
+        "connect/endpoints": list(links),
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
         _BLOCKED: _STALL_US_AT_ROUTER,
         "transport/link/rx/max_message_size": message_bytes_max + _KEY_BYTES_MAX,
         **guard,
     }
     try:
-        session = zenoh.open(_config("router", **settings))
+        session = zenoh.open(_config("router", endpoint, **settings))
     except zenoh.ZError:
         raise InputError(f"endpoint {endpoint}: cannot listen there") from None
     if endpoint.startswith(SCHEME) or not endpoint.endswith(":0"):
@@ -144,24 +173,31 @@ def reachable(endpoint: str) -> str:
 
 
 def is_reachable(endpoint: str, patience_s: float) -> bool:
-    """Return whether something takes connections at ``tcp/`` or ``tls/`` within this many seconds.
+    """Return whether a router takes connections at ``tcp/`` or ``tls/`` within this many seconds.
 
     A router that stands still counts: the system takes them for it.
     """
-    place, _, own = endpoint.partition("#bind=")
     deadline = time.monotonic() + patience_s
     while True:
         left_s = deadline - time.monotonic()
-        with contextlib.suppress(OSError, UnicodeError):  # the latter for names that no host has
-            socket.create_connection(
-                _address(place.partition("/")[2]),
-                timeout=max(_AGAIN_S, min(_TAKE_S, left_s)),
-                source_address=_address(own) if own else None,
-            ).close()
+        timeout_s = max(_AGAIN_S, min(_TAKE_S, left_s))
+        if any(_takes(each, timeout_s) for each in endpoints_in(endpoint)):
             return True
         if left_s <= _AGAIN_S:
             return False
         time.sleep(_AGAIN_S)
+
+
+def _takes(endpoint: str, timeout_s: float) -> bool:
+    place, _, own = endpoint.partition("#bind=")
+    with contextlib.suppress(OSError, UnicodeError):  # the latter for names that no host has
+        socket.create_connection(
+            _address(place.partition("/")[2]),
+            timeout=timeout_s,
+            source_address=_address(own) if own else None,
+        ).close()
+        return True
+    return False
 
 
 def _address(place: str) -> tuple[str, int]:
@@ -174,6 +210,9 @@ def open_client(
 ) -> zenoh.Session:
     """Open a client session to the router at `endpoint`; CubepathError if it is not there.
 
+    Of several linked routers (`endpoints_in`) it has the first that answers, and another when that
+    one dies.
+
     It is tried for this many seconds: a router that has died may be on its way back. None is as
     long as the parts of a run try: 10 s, and a minute if the router is there and stands still.
     Without `credentials` the session may listen at a private router, and publish nothing.
@@ -181,14 +220,15 @@ def open_client(
     """
     settings: Mapping[str, Any] = {
         "listen/endpoints": [],
-        "connect/endpoints": [endpoint],
+        "connect/endpoints": endpoints_in(endpoint),
+        "connect/retry": _RETRY,
         **settings_for(endpoint, credentials),
     }
     began = time.monotonic()
     while True:
         tried = time.monotonic()
         try:
-            return zenoh.open(_config("client", **settings))
+            return zenoh.open(_config("client", endpoint, **settings))
         except zenoh.ZError:
             now = time.monotonic()
             # A router that is absent, or turns the session away, makes the attempt fail

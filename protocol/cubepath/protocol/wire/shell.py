@@ -23,7 +23,17 @@ import zenoh
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import site_hook
 from cubepath.protocol.wire.credentials import GUEST, Credentials, discard
-from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
+from cubepath.protocol.wire.nodes import (
+    BatchNode,
+    Effect,
+    End,
+    Ignore,
+    Keep,
+    Listen,
+    Node,
+    Put,
+    Timer,
+)
 from cubepath.protocol.wire.sessions import open_client, publisher, routers_of, subscribe
 
 TOLD = 4
@@ -60,8 +70,10 @@ def serve(
 
 
 _QUEUE_MAX, _QUEUE_BYTES_MAX = 1 << 16, 1 << 28
-"""So many messages and bytes wait for a node at most: a flood takes no more memory, and what is
+"""At most this many messages and bytes wait for a node: a flood takes no more memory, and what is
 dropped of what the node waits for is asked for again."""
+_BATCH_MAX = 64
+"""At most this many messages are in a batch."""
 _PUBLISHERS_MAX = 512
 """Publishers declared at one time; modules that wander come to ever new regions."""
 
@@ -130,7 +142,7 @@ class Shell:
         self.carry_out(self._node.start())
 
     def step(self, timeout_s: float | None = None) -> bool:
-        """Take the next message or tick, waiting for it at most so long; return whether any came.
+        """Take the next messages or tick, waiting at most so long; return whether any came.
 
         A tick comes after the messages that had arrived when it was due, and before all others.
         """
@@ -138,26 +150,36 @@ class Shell:
             return self._tick()
         left = None if self._due is None else max(0.0, self._due - time.monotonic())
         wait = min((each for each in (left, timeout_s) if each is not None), default=None)
+        most = _BATCH_MAX if isinstance(self._node, BatchNode) else 1
+        if self._before_tick is not None:
+            most = min(most, self._before_tick)
         try:
-            sample, wall_ns = self._queue.get(timeout=wait)
+            arrived = [self._queue.get(timeout=wait)]
         except Empty:
             return self._due is not None and time.monotonic() >= self._due and self._tick()
-        data = sample.payload.to_bytes()
+        with contextlib.suppress(Empty):
+            while len(arrived) < most:
+                arrived.append(self._queue.get_nowait())
+        if self._before_tick is not None:
+            self._before_tick -= len(arrived)
+        messages = [(str(sample.key_expr), sample.payload.to_bytes()) for sample, _ in arrived]
+        self._received = messages[0][1], arrived[0][1]
         with self._lock:
-            self._queued_bytes -= len(data)
-        effects = self._node.receive(str(sample.key_expr), data)
-        self._received = data, wall_ns
+            self._queued_bytes -= sum(len(data) for _, data in messages)
+        if isinstance(self._node, BatchNode):
+            effects = self._node.receive_all(messages)
+        else:
+            effects = self._node.receive(*messages[0])
         self.carry_out(effects)
         return True
 
     def _is_due(self) -> bool:
-        """Return whether the tick comes next; if a message does, count it."""
+        """Return whether the tick comes next."""
         if self._due is None or time.monotonic() < self._due:
             return False
         if self._before_tick is None:
             self._before_tick = self._queue.qsize()
-        self._before_tick -= 1
-        return self._before_tick < 0
+        return self._before_tick <= 0
 
     def _tick(self) -> bool:
         self._set_timer(None)

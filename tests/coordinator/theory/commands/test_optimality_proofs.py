@@ -64,7 +64,7 @@ def test_what_was_proved(written: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert {tuple(site) for site in goal} == set(sliding().goal)
     assert json.loads(rows["goal"]) == goal
     assert document == {
-        "ok": True, "standing": "proved", "refuted": 7, "cubes": 8, "optimal": True,
+        "ok": True, "refuted": 7, "cubes": 8, "optimal": True,
         "solver": "cadical195", "moves": 50, "variables": 106, "clauses": 724,
     }  # fmt: skip
 
@@ -95,17 +95,6 @@ def test_refusals(written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     }  # fmt: skip
     bad.write_bytes(b"{}")
     assert "no proof" in refused("verify", str(bad))
-
-
-def test_agreed(written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What nobody can check is no proof, and the exit code says so."""
-    path = tmp_path / "agreed.proof"
-    write_proof(path, replace(read_proof(written), standing="agreed", log=[]))
-    code, out, err = run(capsys, path)
-    assert code == 1
-    assert out.startswith("agreed ")
-    assert "optimal" not in out
-    assert "not proved: two solvers agree" in err
 
 
 def test_a_proof_of_an_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

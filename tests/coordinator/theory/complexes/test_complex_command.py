@@ -201,3 +201,19 @@ def test_progress_is_told_step_by_step() -> None:
         progress=lambda what, _done, _total: told.append(what),
     )
     assert list(dict.fromkeys(told)) == ["states", "links", "homology", "collapse"]
+
+
+@pytest.mark.parametrize(
+    ("spec", "found"),
+    [("agv:graph=P3,n=2", True), ("agv-labelled:graph=P3,n=2", False), ("compression:n=2", None)],
+)
+def test_whether_the_goal_is_among_the_states(spec: str, found: bool | None) -> None:
+    """Labelled vehicles on a path cannot change places; some scenes have no goal."""
+    report = complex_report(scene_from_spec(spec), max_states=50)
+    assert report.goal is found
+
+
+def test_a_goal_that_was_not_found_in_time_may_still_be_reached() -> None:
+    """Until all states are known, nothing is said; unless it has been found."""
+    assert complex_report(scene_from_spec("hex:n=4"), max_states=20).goal is None
+    assert complex_report(scene_from_spec("agv:graph=P9,n=1"), max_states=4).goal is None

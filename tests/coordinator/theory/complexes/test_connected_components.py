@@ -2,31 +2,9 @@
 
 import networkx as nx
 import numpy as np
-import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.theory.complexes.surfaces import classes, components
-from oracles.spaces import EMPTY, LOOP, POINT, disjoint, grid, quotients
-
-
-@pytest.mark.slow
-@given(quotients())
-def test_components_are_those_of_the_graph(space: CubicalComplex) -> None:
-    """Two vertices have the same number iff networkx has them in one component."""
-    found = components(space)
-    graph: nx.MultiGraph[int] = nx.MultiGraph()
-    graph.add_nodes_from(range(len(found)))
-    if space.dimension >= 1:
-        graph.add_edges_from(space.faces[1][:, 0].tolist())
-    expected = sorted(sorted(part) for part in nx.connected_components(graph))
-    assert [np.flatnonzero(found == n).tolist() for n in range(len(expected))] == expected
-
-
-def test_components_of_small_things() -> None:
-    """Nothing has none; numbers go by the least vertex."""
-    assert components(EMPTY).tolist() == []
-    assert components(disjoint(POINT, grid(2, 1), LOOP)).tolist() == [0, *[1] * 6, 2]
+from cubepath.coordinator.theory.complexes.surfaces import classes
 
 
 @given(

@@ -172,7 +172,7 @@ def test_coefficients_beyond_64_bits_are_exact(ascending: bool) -> None:
 @given(quotients())
 @settings(max_examples=40)
 def test_where_64_bits_end_changes_nothing(space: CubicalComplex) -> None:
-    """With a limit of 1 for compiled coefficients Python's integers take over: the same groups."""
+    """With a limit of 1 linear algebra takes more of the complex: the same groups."""
     expected = in_full(homology(space))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(homology_module, "LIMIT", 1)

@@ -96,8 +96,7 @@ def check(space: CubicalComplex) -> None:
     rows = np.repeat(np.arange(len(paths.start) - 1), np.diff(paths.start))
     assert (paths.node[paths.node >= 0] > rows[paths.node >= 0]).all()
     expected = morse_by_definition(known, matching)
-    for limit in (2**30, 0):
-        assert morse_columns(paths, limit) == expected
+    assert morse_columns(paths, 2**30) == expected
     if any(abs(value) > 1 for column in expected for value in column.values()):
         assert morse_columns(paths, 1) is None
 
@@ -111,7 +110,7 @@ def test_morse_boundaries_are_sums_over_paths(space: CubicalComplex) -> None:
 
 @pytest.mark.parametrize("left", [PLAIN, COMPILED])
 def test_they_are_so_over_long_paths(left: int) -> None:
-    """With more rows than a block counts, and with coefficients that grow."""
+    """Over many rows, and with coefficients that grow."""
     with plain_steps(left):
         check(torus(9, 9, 2))
         check(telescope(8, ascending=True))

@@ -13,7 +13,7 @@ from cubepath.coordinator.theory.complexes.shape_complexes import (
 from cubepath.protocol.core.actions import apply_in_place
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles import complexes
@@ -21,7 +21,7 @@ from oracles.cells import cells_of
 
 LINE = [(0, 0), (1, 0), (2, 0)]
 TRIANGLE = [(0, 0), (1, 0), (0, 1)]
-HEXAGONS = LatticeSystem(hex_catalogue(keeps_topology=True))
+HEXAGONS = LatticeSystem(page_catalogue("hexagons-1"))
 
 
 def test_three_hexagons_have_the_shape_complex_of_the_paper() -> None:
@@ -88,12 +88,12 @@ def test_where_an_obstacle_is_in_the_way_the_lift_is_refused_with_the_reason() -
     lifted = lift(HEXAGONS, plan, (0, 0))
     assert lifted.cubes is not None
     (goal,) = set(lifted.cubes[0][0].trace) - set(LINE)
-    walled = LatticeSystem(hex_catalogue(keeps_topology=True), filled=[goal])
+    walled = LatticeSystem(page_catalogue("hexagons-1"), filled=[goal])
     found = lift(walled, plan, (0, 0))
     assert found.cubes is None
     assert found.refusal is not None
     assert found.refusal.startswith("cube 1: pivot-")
-    started = lift(LatticeSystem(hex_catalogue(keeps_topology=True), filled=[(1, 0)]), plan, (0, 0))
+    started = lift(LatticeSystem(page_catalogue("hexagons-1"), filled=[(1, 0)]), plan, (0, 0))
     assert started.refusal == "a module would start at (1, 0), an obstacle or no place"
 
 
@@ -101,7 +101,7 @@ def test_what_leaves_the_workspace_is_refused() -> None:
     """Walls refuse a lift as obstacles do, a free place on the other side takes it."""
     plan = macro(HEXAGONS, LINE, TRIANGLE)
     cells = [(q, r) for q in range(-4, 9) for r in range(-4, 5)]
-    walled = LatticeSystem(hex_catalogue(keeps_topology=True), workspace=cells)
+    walled = LatticeSystem(page_catalogue("hexagons-1"), workspace=cells)
     assert lift(walled, plan, (0, 0)).refusal is None
     assert "leave the workspace" in (lift(walled, plan, (0, 4)).refusal or "")
 
@@ -123,7 +123,7 @@ def test_a_place_is_as_many_integers_as_the_lattice_has_dimensions(at: tuple[int
 
 def test_a_system_that_is_not_local_has_no_macros() -> None:
     """A rule for the whole would have to be asked at every place."""
-    system = LatticeSystem(hex_catalogue(keeps_topology=False), connected=True)
+    system = LatticeSystem(page_catalogue("hexagons-2"), connected=True)
     with pytest.raises(InputError, match="not local"):
         macro(system, LINE, TRIANGLE)
     with pytest.raises(InputError, match="not local"):

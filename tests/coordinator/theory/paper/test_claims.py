@@ -49,9 +49,10 @@ def test_rows_say_what_they_rest_on() -> None:
 
 
 def test_every_local_system_is_among_those_that_are_looked_at() -> None:
-    """What is said of all local systems is computed for a scene of each."""
+    """What is said of all local systems is computed for a scene of each that has an end."""
     names = {spec.partition(":")[0] for spec in SYSTEMS}
-    assert names == set(LOCAL_FAMILIES)
+    endless = {"sliding-cubes", "pivoting-cubes", "rolling-dodecahedra"}
+    assert names == set(LOCAL_FAMILIES) - endless
 
 
 def test_the_command_gives_rows(

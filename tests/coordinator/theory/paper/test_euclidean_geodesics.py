@@ -1,5 +1,6 @@
 """Paths by their definitions, envelopes, and complexes pulled apart: small ones, by hand."""
 
+from collections import Counter
 from math import isclose, sqrt
 
 from hypothesis import given, strategies as st
@@ -8,11 +9,10 @@ from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.theory.complexes.cubical_complex import complex_from_faces
 from cubepath.coordinator.theory.complexes.surfaces import pulled_apart
-from cubepath.coordinator.theory.paper.algorithms import envelope
+from cubepath.coordinator.theory.paper.algorithms import latest_cubes
 from cubepath.coordinator.theory.paper.curvature import (
     chains,
     closure,
-    complex_of_squares,
     corner_of_a_cube,
     dented_disc,
     diagonals,
@@ -20,6 +20,7 @@ from cubepath.coordinator.theory.paper.curvature import (
     normal_cube_paths,
 )
 from cubepath.protocol.core.actions import Action, commute
+from oracles.spaces import disjoint, glued, grid
 from samples.strategies import SCENES, scene, walks
 
 SQUARE = complex_from_faces([4, [[[0, 1]], [[2, 3]], [[0, 2]], [[1, 3]]], [[[2, 3], [0, 1]]]])
@@ -63,16 +64,9 @@ def test_a_dented_disc_has_a_path_shorter_than_any_near_it() -> None:
     assert min(len(path) for path in chains(disc, 0, 2, most=2)) == 1
 
 
-def test_squares_are_glued_along_their_common_edges() -> None:
-    """Two squares side by side: six vertices, seven edges."""
-    strip = complex_of_squares([(0, 1, 4, 3), (1, 2, 5, 4)])
-    strip.check()
-    assert strip.f_vector == (6, 7, 2)
-
-
 def test_two_squares_at_a_point_come_apart() -> None:
     """A bow tie has Euler characteristic 1; pulled apart it is two discs."""
-    tie = complex_of_squares([(0, 1, 3, 2), (3, 4, 6, 5)])
+    tie = glued(disjoint(grid(1, 1), grid(1, 1)), [(0, 3, 4)])
     assert tie.euler == 1
     found = pulled_apart(tie)
     assert found is not None
@@ -92,7 +86,8 @@ def test_a_torus_and_a_klein_bottle_have_no_boundary() -> None:
 
 def test_three_pages_of_a_book_are_no_surface() -> None:
     """An edge in three squares."""
-    assert pulled_apart(complex_of_squares([(0, 1, 3, 2), (0, 1, 5, 4), (0, 1, 7, 6)])) is None
+    pages = disjoint(grid(1, 1), grid(1, 1), grid(1, 1))
+    assert pulled_apart(glued(pages, [(1, 0, 4), (1, 0, 8)])) is None
 
 
 @given(st.sampled_from(SCENES).flatmap(lambda spec: st.tuples(st.just(spec), walks(spec))))
@@ -103,7 +98,6 @@ def test_every_move_has_its_window(found: tuple[str, list[Action]]) -> None:
     cubes = normal_cube_path(path)
     assert is_normal(cubes)
     moves = [action for cube in cubes for action in cube]
-    windows = envelope(cubes)
     before = [1] * len(moves)
     after = [1] * len(moves)
     for j in range(len(moves)):
@@ -114,10 +108,9 @@ def test_every_move_has_its_window(found: tuple[str, list[Action]]) -> None:
         for j in range(i + 1, len(moves)):
             if not commute(moves[i], moves[j]):
                 after[i] = max(after[i], after[j] + 1)
-    assert [window.earliest for window in windows] == before
-    assert [window.latest for window in windows] == [len(cubes) + 1 - count for count in after]
-    late: list[list[Action]] = [[] for _ in cubes]
-    for window in windows:
-        late[window.latest - 1].append(window.action)
+    assert [n for n, cube in enumerate(cubes, 1) for _ in cube] == before
+    late = latest_cubes(cubes)
     assert all(late)
     assert end_state(late, start) == end_state(path, start)
+    due = zip(moves, (len(cubes) + 1 - count for count in after), strict=True)
+    assert Counter(due) == Counter((each, n) for n, cube in enumerate(late, 1) for each in cube)

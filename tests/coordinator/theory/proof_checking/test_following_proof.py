@@ -277,7 +277,6 @@ def test_changed_timetables_are_refused(
         ({"edges": [(1, 1)]}, "joins vertex 1 with itself"),
         ({"edges": []}, "no edge"),
         ({"vertices": [(0, 0), (0, 0)]}, "stands twice"),
-        ({"standing": "agreed"}, "there is a log"),
     ],
 )
 def test_changed_claims_are_refused(changes: dict[str, object], why: str) -> None:
@@ -298,13 +297,6 @@ def test_more_edges_change_the_clauses() -> None:
     places = list(crossed().vertices)
     more = (places.index((-1, 0)), places.index((0, -1)))
     assert "variable" in refused(replace(crossed(), edges=[*crossed().edges, more]))
-
-
-def test_agreed_is_not_proved() -> None:
-    """All but the log is checked, and the standing says so."""
-    found = check_fewest_rounds(replace(crossed(), standing="agreed", log=[]))
-    assert (found.proved, found.optimal, found.lemmas) == (False, False, 0)
-    assert found.clauses > 0
 
 
 def test_a_file_proves_the_same(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from oracles.solved import Pair, check_pair, model, pairs_near, pairs_of, random_actions
 from samples.listed_scenes import listed_scenes
 from samples.local_families import LOCAL_FAMILIES
+from samples.space import STICKS
 from samples.switches import Ring
 
 SPECS = (
@@ -53,6 +54,10 @@ SPECS = (
     "assembly:n=3",
     "assembly:kind=wall,n=4",
     "compression:n=2",
+    "sliding-cubes:n=3",
+    "pivoting-cubes:n=3",
+    "rolling-dodecahedra:n=3",
+    f"{STICKS}:n=3",
 )
 
 

@@ -216,7 +216,7 @@ with SolverProcess() as solver, TemporaryFile() as file:
 """
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_it_ends_with_its_parent(by: signal.Signals, tmp_path: Path) -> None:

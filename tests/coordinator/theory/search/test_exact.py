@@ -9,6 +9,7 @@ from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from oracles.complexes import actions_at, commuting_sets
+from samples.space import SPACE
 from samples.strategies import scene, toggle
 
 SMALL = (
@@ -25,6 +26,7 @@ SMALL = (
     "words",
     "assembly:n=2",
     "hex:n=3",
+    *SPACE[1:],
 )
 
 

@@ -13,12 +13,12 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.path_lines import write_moves
-from cubepath.protocol.scenes.families.hexagons import monkey_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 from oracles.cells import Cell
 
-PLANE = LatticeSystem(monkey_catalogue(), connected=True)
+PLANE = LatticeSystem(page_catalogue("hexagons-3"), connected=True)
 RING: set[Cell] = {
     (q, r) for q in range(-3, 4) for r in range(-3, 4) if max(abs(q), abs(r), abs(q + r)) == 3
 }
@@ -33,7 +33,7 @@ opening is too narrow for a pivot, and a monkey move leads past it.
 
 def task(start: set[Cell], goal: set[Cell]) -> Scene:
     ends = tuple(sorted(start)), tuple(sorted(goal))
-    system = LatticeSystem(monkey_catalogue())
+    system = LatticeSystem(page_catalogue("hexagons-3"))
     return Scene("task", "", system, ends[0], frozenset(ends[1]), (ends[1],) * len(start))
 
 

@@ -37,7 +37,7 @@ def numbers(log: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, int]:
 def test_films_of_the_run_and_of_its_schedule(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A frame for the start and for each round, or for each cube; rounds if nothing is said."""
+    """A frame for the start and up to four for each round or cube; rounds if nothing is said."""
     film = log.with_suffix(".gif")
     found = numbers(log, capsys)
     assert found["cubes"] < found["rounds"]
@@ -47,7 +47,7 @@ def test_films_of_the_run_and_of_its_schedule(
         (["--what", "schedule", "--rate", "10"], found["cubes"]),
     ):
         assert main(["view", str(log), "-o", str(film), *options]) == 0
-        assert frames(film) == 1 + count
+        assert 1 + count < frames(film) <= 1 + 4 * count
 
 
 @pytest.mark.slow
@@ -86,8 +86,8 @@ def test_a_scene_is_drawn_with_its_start_and_its_goal(tmp_path: Path) -> None:
     assert not other & set(modules)
     one, other = found["agv-labelled:graph=grid3x3,n=3"]
     assert set(modules[:3]) <= one & other
-    one, other = found[str(toml)]  # it has no goal
-    assert (modules[0] in one, modules[1] in other, goal in one | other) == (True, True, False)
+    both = set[tuple[int, ...]]().union(*found[str(toml)])  # one picture, since it has no goal
+    assert (set(modules[:2]) <= both, goal in both) == (True, False)
 
 
 def colours_in(image: Image.Image) -> set[tuple[int, ...]]:
@@ -118,7 +118,7 @@ def test_other_paths_are_drawn(tmp_path: Path) -> None:
         ([str(plan), "--with", str(room)], 8),
     ):
         assert main(["view", *arguments, "-o", film]) == 0
-        assert frames(Path(film)) == 1 + count
+        assert frames(Path(film)) == 1 + 4 * count
         assert main(["view", *arguments, "-o", str(picture)]) == 0
         assert picture.read_bytes().startswith(b"<?xml")
         picture.unlink()

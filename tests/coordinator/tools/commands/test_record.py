@@ -12,7 +12,7 @@ from cubepath.coordinator.testing import Command
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
 from processes.command_line import GOLDEN
-from processes.elsewhere import Commands, soon
+from processes.elsewhere import Commands, Running, soon
 
 pytestmark = pytest.mark.slow
 RANDOM = ("run", "hex:n=6", "--rule=random", "--max-rounds=20000")
@@ -60,6 +60,39 @@ def test_a_run_that_is_killed_is_gone_without_a_word(commands: Commands, tmp_pat
     recording = read_recording(log)
     assert recording.problems == ()
     assert verify(recording).ok
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mine", [True, False])
+def test_who_watches_a_run_goes_on_at_another_of_two_linked_routers(
+    commands: Commands, tmp_path: Path, mine: bool
+) -> None:
+    """Whether the router of those who watch dies, or that of the run."""
+    routers, endpoints = list[Running](), list[str]()
+    for links in ((), ("--connect",)):
+        router = commands.start("host", "router", "--listen=tcp/127.0.0.1:0", *links, *endpoints)
+        endpoints.append(router.says(r"listening on (\S+) without TLS")[1])
+        routers.append(router)
+    clock = ("--clock=free", "--rule=random", "--max-rounds=20000", "--processes=1", "--keepers=1")
+    run = commands.start("run", "hex:n=6", *clock, f"--connect={','.join(endpoints)}")
+    run.says(r"endpoint \S+, run")
+    where = f"--connect={','.join(reversed(endpoints))}"
+    log = tmp_path / "out.mcap"
+    recorder = commands.start("log", "record", where, "-o", str(log), "--json")
+    page = commands.start("view", where, "--json")
+    recorder.says("recording run")
+    page.says("live at")
+    routers[mine].signal()
+    run.says(r"endpoint \S+, run")
+    before = log.stat().st_size
+    soon(lambda: log.stat().st_size > before + 20_000)
+    run.signal(signal.SIGINT)
+    assert run.end()[0] == 130
+    code, answer, _ = recorder.end()
+    found = json.loads(answer)
+    assert (code, found["ended"], found["cut_off"]) == (0, "run ended", int(mine))
+    code, answer, errors = page.end()
+    assert (code, json.loads(answer)["ended"]) == (0, "interrupted"), errors
 
 
 @pytest.mark.thorough

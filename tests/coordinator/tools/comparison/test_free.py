@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace as with_fields
 
-from cubepath.coordinator.tools.comparison.comparing import diff
+from cubepath.coordinator.tools.comparison.run_comparison import diff
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Commit, CommitLog, Turns, decode_free
 from cubepath.protocol.wire.messages import encode

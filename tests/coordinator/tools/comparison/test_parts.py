@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cubepath.coordinator.tools.comparison.comparing import diff
+from cubepath.coordinator.tools.comparison.run_comparison import diff
 from cubepath.protocol import filter_recording, split_recording
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording
@@ -275,7 +275,7 @@ def test_a_run_without_rounds_on_record_ended_before_the_first() -> None:
     assert diff(none, none).same
     found = diff(none, some)
     assert not found.same
-    assert found.answer == "a ends before the first round, and b goes on"
+    assert found.answer == "a ends before the first round, and b continues"
     assert found.compared == "no rounds"
     with pytest.raises(InputError, match="has no round that all modules report"):
         diff(none, some, rounds=(1, 2))

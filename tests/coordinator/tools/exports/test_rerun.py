@@ -40,7 +40,7 @@ def test_its_check_finds_nothing(path: Path, log_time: Any) -> None:
     told = rerun("mcap", "check", "--full", out)
     assert told.returncode == 0, told.stdout
     topics = re.findall(r"^(\S+) +\d+ +\d+ +(\S+) +(\S+)$", told.stdout, re.MULTILINE)
-    assert {"/robot/poses", "/robot/modules", "/tf"} <= {topic for _, topic, _ in topics}
+    assert {"/robot/modules", "/tf"} <= {topic for _, topic, _ in topics}
     assert {(status, issues) for status, _, issues in topics} == {("ok", "—")}
 
 
@@ -72,6 +72,8 @@ def test_entities_are_where_the_modules_are(path: Path) -> None:
     for chunk in reader.stream().to_chunks():
         if chunk.entity_path == "/robot/modules":
             batch = chunk.to_record_batch()
+            if clock not in batch.schema.names:  # modules on their ways, between two rounds
+                continue
             (centres,) = (name for name in batch.schema.names if "centers" in name)
             found |= zip(batch[clock].to_pylist(), batch[centres].to_pylist(), strict=True)
     assert found.keys() == expected.keys()

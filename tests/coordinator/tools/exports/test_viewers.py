@@ -17,9 +17,9 @@ from mcap.reader import make_reader
 from cubepath.agents.rendering.pictures import extent, solid_of
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.states import states_of
+from cubepath.coordinator.runs.states import RunState, states_of
 from cubepath.coordinator.tools.exports.exporting import export
-from cubepath.coordinator.tools.exports.viewers import TOPICS, times_of
+from cubepath.coordinator.tools.exports.viewers import TOPICS, SceneEncoder, times_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
@@ -30,6 +30,7 @@ from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from processes.command_line import GOLDEN, ROOT
 from samples.recordings import new_path
+from samples.rolling import rolling_cubes
 
 PATHS = sorted(GOLDEN.glob("*.mcap"))
 SECOND = 10**9
@@ -110,13 +111,29 @@ def test_modules_are_where_they_said_in_every_round(path: Path) -> None:
     found: dict[str, dict[int, list[tuple[float, float]]]] = {}
     for topic, log_time, content in viewed(path):
         at = positions(topic, content)
-        if at is not None:
+        if at is not None and log_time % SECOND == 0:
             found.setdefault(topic, {})[log_time] = at
-    assert set(found) == {"/robot/modules", "/robot/poses", "/tf"}
+    assert set(found) == {"/robot/modules", "/tf"}
     for by_time in found.values():
         assert by_time.keys() == expected.keys()
         for log_time, places in expected.items():
             assert flat(by_time[log_time]) == pytest.approx(flat(places))
+
+
+def test_a_cube_rolls_about_an_edge_that_it_keeps() -> None:
+    """Half-way it stands on that edge, its middle above it, and has turned by 45 degrees."""
+    scene = rolling_cubes()
+    action = scene.system.action("along", (0, 0, 1))
+    state = RunState(1, 0, ((1, 0, 1), *scene.start[1:]), {0: (0, 0, 1)}, {0: action})
+    encoder = SceneEncoder(scene)
+    data = {each.topic: each.data for each in encoder.state(state, 0, 0.5)}
+    schema = encoder.schemas()["/tf"]
+    pose, below, _ = kind_of(schema[0], schema[2]).FromString(data["/tf"]).transforms
+    at, turn = pose.translation, pose.rotation
+    assert (at.x, at.y, at.z) == pytest.approx((0.5, 0, 0.5 + sqrt(0.5)))
+    assert 2 * atan2(hypot(turn.x, turn.y, turn.z), turn.w) == pytest.approx(pi / 4)
+    assert (turn.x, turn.z, abs(turn.y) > 0) == (0, 0, True)
+    assert (below.translation.x, below.translation.y, below.translation.z) == (0, 0, 0)
 
 
 def flat(places: Iterable[tuple[float, float]]) -> list[float]:
@@ -133,9 +150,6 @@ def positions(topic: str, content: Any) -> Any:
             ]
             assert {each.parent_frame_id for each in content.transforms} == {"robot"}
             places = [each.translation for each in content.transforms]
-        case "/robot/poses":
-            assert content.frame_id == "robot"
-            places = [each.position for each in content.poses]
         case "/robot/modules":
             solids = [[*each.cubes, *each.cylinders][0] for each in content.entities]
             places = [each.pose.position for each in solids]
@@ -151,11 +165,16 @@ def test_modules_that_move_are_marked(path: Path) -> None:
     sites = told_sites(recording)
     before = sites[0]
     for topic, log_time, content in viewed(path):
-        if topic == "/robot/modules":
+        if topic == "/robot/modules" and log_time % SECOND == 0:
             now = sites[log_time // SECOND]
             moved = [number for number, site in enumerate(now) if site != before[number]]
             marked = [number for number, each in enumerate(content.entities) if each.lines]
             assert marked == moved
+            for number in moved:
+                entity = content.entities[number]
+                body = [*entity.cubes, *entity.cylinders][0]
+                tops = {round(point.z, 6) for point in entity.lines[0].points}
+                assert tops == {round(body.pose.position.z + body.size.z / 2, 6)}
             for number, each in enumerate(content.entities):
                 solids = [*each.cubes, *each.cylinders]
                 assert len(solids) == 1 + (number in moved)
@@ -255,10 +274,10 @@ def test_a_range_and_topics_are_taken() -> None:
     """The robot as it was in these rounds, and the messages that were asked for."""
     options = {"first": 3, "until": 5, "exclude": ("bundle", "ready")}
     found = viewed(GOLDEN / "hex-5.mcap", **options)
-    assert {log_time for _, log_time, _ in found} == {3 * SECOND, 4 * SECOND, 5 * SECOND}
+    assert {log_time for _, log_time, _ in found} == {n * SECOND // 4 for n in range(12, 21)}
     whole = [each for each in viewed(GOLDEN / "hex-5.mcap") if each[:2] in {e[:2] for e in found}]
-    robot = [each for each in found if each[0] in ("/tf", "/robot/poses", "/robot/modules")]
-    assert robot == [each for each in whole if each[0] in ("/tf", "/robot/poses", "/robot/modules")]
+    robot = [each for each in found if each[0] in ("/tf", "/robot/modules")]
+    assert robot == [each for each in whole if each[0] in ("/tf", "/robot/modules")]
     topics = {topic.partition("/")[0] for topic, _, _ in found}
     assert topics == {"", "go", "reports", "edges"}
 

@@ -36,13 +36,13 @@ def test_what_comes_late_is_told_with_its_step() -> None:
     """A step that was told is told again, whole; nothing of a step that is not there yet."""
     found = ClaimListener(NumberedWorld(SCENE), free=False, before=3)
     found.take(report(4, won=False))
-    assert found.told(0) is None
-    assert found.told(1) == {"claims": [[1, []]], "kinds": ["presence"], "heard": [[1, [0, 1, 0]]]}
-    assert found.told(1) is None
+    assert found.news(0) is None
+    assert found.news(1) == {"claims": [[1, []]], "kinds": ["presence"], "heard": [[1, [0, 1, 0]]]}
+    assert found.news(1) is None
     found.take(claim(4))
-    assert (found.told(1) or {})["claims"] == [[1, [0, 0, 0]]]
+    assert (found.news(1) or {})["claims"] == [[1, [0, 0, 0]]]
     found.take(claim(3))  # before the page begins
-    assert found.told(1) is None
+    assert found.news(1) is None
 
 
 def test_what_cannot_be_is_passed_over() -> None:
@@ -51,7 +51,7 @@ def test_what_cannot_be_is_passed_over() -> None:
     found.take(claim(1, module=7))
     found.take(Claim(1, 0, "no site", "edge", ()))
     found.take(Claim(1, 1, SITE, "no such generator", SITE))
-    assert (found.told(1) or {"claims": [[1, []]]})["claims"] == [[1, []]]
+    assert (found.news(1) or {"claims": [[1, []]]})["claims"] == [[1, []]]
 
 
 def test_deliveries_end_where_a_page_holds_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,9 +59,9 @@ def test_deliveries_end_where_a_page_holds_no_more(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(module, "DELIVERIES_MAX", 5)
     found = ClaimListener(NumberedWorld(SCENE), free=False)
     found.take(report(1, deliveries=4))
-    assert "heard" in (found.told(1) or {})
+    assert "heard" in (found.news(1) or {})
     found.take(report(2, deliveries=4))
-    told = found.told(2) or {}
+    told = found.news(2) or {}
     assert told["left_out"] == 8
     assert "heard" not in told
 
@@ -72,9 +72,9 @@ def test_attempts_stand_above_all_that_was_made(monkeypatch: pytest.MonkeyPatch)
     found = ClaimListener(NumberedWorld(SCENE), free=True)
     move = MOVES[0]
     found.take(Attempt(0, 0, 1, 1, SITE, move.generator, move.at))
-    assert (found.told(1) or {})["claims"] == [[1, [0, 0, 2]]]
+    assert (found.news(1) or {})["claims"] == [[1, [0, 0, 2]]]
     found.take(Decision(0, 0, 1, "taken"))
-    assert (found.told(9) or {})["claims"] == [[1, [0, 0, 0]]]
+    assert (found.news(9) or {})["claims"] == [[1, [0, 0, 0]]]
     assert not any([found._claims, found._step_of, found._outcomes])
 
 

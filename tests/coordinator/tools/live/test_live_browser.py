@@ -60,7 +60,7 @@ def test_a_page_follows_a_run_pauses_it_and_steps_it(
         page.keyboard.press("s")
         until(page, "cubepath.live.path.steps === 2 && cubepath.position === 2")
         assert running.round == 2
-        assert page.inner_text("#live-said") == "round 2: paused"
+        until(page, "document.querySelector('#live-said').innerText === 'round 2: paused'")
         page.click("#live-pause")
         until(page, "cubepath.live.path.steps > 3")
         player.join(60)

@@ -16,7 +16,6 @@ from cubepath.coordinator.tools.live import server as module
 from cubepath.coordinator.tools.live.feed import Feed
 from cubepath.coordinator.tools.live.server import CLIENTS_MAX, HOST, Server
 from cubepath.coordinator.tools.live.watching import RoundPacer
-from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from processes.watched_pages import watched
@@ -27,7 +26,7 @@ def served() -> Iterator[tuple[Server, RoundPacer]]:
     """Serve the page of a run that has not begun."""
     feed, pace = Feed(scene_from_spec("hex:n=3")), RoundPacer()
     feed.tell(pace.state)
-    server = Server(page_text(feed.document, live=True), feed, pace.order)
+    server = Server(feed, pace.order)
     try:
         yield server, pace
     finally:
@@ -193,7 +192,7 @@ def test_who_reads_nothing_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.M
     found = watched("hex:n=5", tmp_path)
     steps = [tuple(step) for step in found.shown.steps]
     feed = Feed(found.shown.scene)
-    server = Server("page", feed, None)
+    server = Server(feed, None)
     slow = socket.create_connection((HOST, server.server_port), timeout=10)
     slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
     slow.sendall(
@@ -216,7 +215,7 @@ def test_a_port_that_is_taken_is_told(served: tuple[Server, RoundPacer]) -> None
     """In a line that names it and says why, without numbers of errors; as is one that is none."""
     server, _ = served
     with pytest.raises(InputError, match=r": Address already in use$"):
-        Server("page", server.feed, None, port=server.server_port)
+        Server(Feed(scene_from_spec("hex:n=3")), None, port=server.server_port)
     for port in (server.server_port, 70_000):
         with pytest.raises(InputError, match=f"cannot listen at 127.0.0.1:{port}"):
-            Server("page", server.feed, None, port=port)
+            Server(Feed(scene_from_spec("hex:n=3")), None, port=port)

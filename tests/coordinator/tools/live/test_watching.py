@@ -20,13 +20,13 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from cubepath.agents.processes.joining import Joining, join
+from cubepath.agents.free.joining import Joining, join
 from cubepath.coordinator.playback.player import Player
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.tools.live.remote_pages import watch_run
+from cubepath.coordinator.tools.live.remote_pages import RemoteRunPage
 from cubepath.coordinator.tools.live.watching import LivePage
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -303,7 +303,7 @@ def test_a_run_elsewhere_is_watched_from_where_it_stands(tmp_path: Path) -> None
     log = tmp_path / "run.mcap"
     with start(SPEC, seed=5, processes=1, log=log) as running:
         running.step(4)
-        with watch_run(running.endpoint, running.run) as watched:
+        with RemoteRunPage(running.endpoint, running.run) as watched:
             client = Client(watched.address)
             outcome = running.play()
             assert watched.wait(20)
@@ -324,7 +324,7 @@ def test_a_replay_is_not_watched() -> None:
     path = Path(__file__).parents[4] / "logs" / "golden" / "hex-5.mcap"
     said = "a replay, expected a run; .* cubepath view LOG"
     with Player(path) as player, pytest.raises(InputError, match=said):
-        watch_run(player.endpoint)
+        RemoteRunPage(player.endpoint)
 
 
 @pytest.mark.thorough
@@ -333,7 +333,7 @@ def test_a_run_without_rounds_is_watched_from_elsewhere(tmp_path: Path) -> None:
     log = tmp_path / "free.mcap"
     with start("hex:n=6", clock="free", processes=2, keepers=2, seed=3, log=log) as running:
         running.step(4)
-        with watch_run(running.endpoint) as watched:
+        with RemoteRunPage(running.endpoint) as watched:
             client = Client(watched.address)
             while len(client.rows) < 2:
                 assert not watched.wait(0.1)
@@ -350,7 +350,7 @@ def test_a_run_without_rounds_is_watched_from_elsewhere(tmp_path: Path) -> None:
 
 def elsewhere_run(folder: Path) -> None:
     with start(SPEC, processes=0, log=folder / "other.mcap") as running:
-        watch_run(running.endpoint, "0123456789ab", patience_s=0.5)
+        RemoteRunPage(running.endpoint, "0123456789ab", patience_s=0.5)
 
 
 @contextmanager

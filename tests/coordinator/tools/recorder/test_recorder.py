@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.auditing.playing import audit
+from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import start
-from cubepath.coordinator.tools.recorder.recorder import Recorder, record
+from cubepath.coordinator.tools.recorder.recorder import Recorder
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording
@@ -73,7 +73,7 @@ def test_from_the_first_round_on_it_is_the_runs_own_recording(tmp_path: Path) ->
     """But for who joined before anyone listened; every check holds, and the rules are asked."""
     inside, outside = tmp_path / "in.mcap", tmp_path / "out.mcap"
     with start("agv:graph=grid4x4,n=4", processes=2, log=inside) as run:
-        with record(run.endpoint, outside) as recorder:
+        with Recorder(run.endpoint, outside) as recorder:
             assert run.play().goal_reached
             assert recorder.wait(20)
         assert (recorder.ended, recorder.lost, recorder.cut_off) == ("run ended", {}, 0)
@@ -96,7 +96,7 @@ def test_who_leaves_before_the_end_has_a_recording_that_is_fine_as_far_as_it_goe
     """Verified and compared from the first round on; it is not complete, and nothing fails."""
     outside = tmp_path / "out.mcap"
     with start("hex:n=4", processes=1, seed=1, log=tmp_path / "in.mcap") as run:
-        with record(run.endpoint, outside):
+        with Recorder(run.endpoint, outside):
             run.step(4)
         run.play()
     found = audit(outside)
@@ -109,7 +109,7 @@ def test_who_leaves_before_the_end_has_a_recording_that_is_fine_as_far_as_it_goe
 def test_a_router_that_ends_with_its_run_is_no_failure(tmp_path: Path) -> None:
     """A run at an address has a router of its own, which is gone as soon as the run has ended."""
     with start("hex:n=3", processes=1, listen="tcp/127.0.0.1:0", log=tmp_path / "in.mcap") as run:
-        recorder = record(run.endpoint, tmp_path / "out.mcap")
+        recorder = Recorder(run.endpoint, tmp_path / "out.mcap")
         run.play()
     with recorder:
         assert recorder.wait(20)
@@ -122,7 +122,7 @@ def test_without_rounds_it_is_the_same(tmp_path: Path) -> None:
     inside, outside = tmp_path / "in.mcap", tmp_path / "out.mcap"
     with (
         start("agv:graph=P4,n=2", processes=1, clock="free", keepers=1, log=inside) as run,
-        record(run.endpoint, outside) as recorder,
+        Recorder(run.endpoint, outside) as recorder,
     ):
         run.play()
         assert recorder.wait(20)
@@ -140,7 +140,7 @@ def test_in_the_middle_it_is_said_to_begin_there_and_the_run_does_not_notice(
         digest = run.play().path_digest
     with start("hex:n=4", processes=1, seed=1, log=logs[1]) as run:
         run.step(5)
-        with record(run.endpoint, logs[2]) as recorder:
+        with Recorder(run.endpoint, logs[2]) as recorder:
             run.step(4)
         assert recorder.ended == "stopped"
         assert run.play().path_digest == digest
@@ -164,7 +164,7 @@ def test_in_the_middle_it_is_said_to_begin_there_and_the_run_does_not_notice(
 def test_topics_are_chosen_by_glob_and_exclusion(tmp_path: Path) -> None:
     """And the recording says what was left out."""
     with start("hex:n=4", processes=2, log=tmp_path / "in.mcap") as run:
-        with record(
+        with Recorder(
             run.endpoint, tmp_path / "out.mcap", topics=["bundle", "reports/*"], exclude=["*/*_1"]
         ) as recorder:
             run.step(3)
@@ -189,7 +189,7 @@ def test_topics_are_chosen_by_glob_and_exclusion(tmp_path: Path) -> None:
 def test_files_are_split_between_rounds_and_each_is_a_recording(tmp_path: Path) -> None:
     """By size; together they hold what one file would, in its order."""
     with start("hex:n=4", processes=1, log=tmp_path / "in.mcap") as run:
-        with record(run.endpoint, tmp_path / "out.mcap", split_megabytes=0.007) as recorder:
+        with Recorder(run.endpoint, tmp_path / "out.mcap", split_megabytes=0.007) as recorder:
             run.play()
             recorder.wait(20)
         logs = recorder.logs
@@ -215,7 +215,7 @@ def test_files_are_split_between_rounds_and_each_is_a_recording(tmp_path: Path) 
 def test_files_are_split_by_time(tmp_path: Path) -> None:
     """A file that has its time is closed when the next round begins."""
     with start("hex:n=4", processes=1, log=tmp_path / "in.mcap") as run:
-        with record(run.endpoint, tmp_path / "out.mcap", split_seconds=0.1) as recorder:
+        with Recorder(run.endpoint, tmp_path / "out.mcap", split_seconds=0.1) as recorder:
             for _ in range(3):
                 run.step()
                 time.sleep(0.15)
@@ -225,7 +225,7 @@ def test_files_are_split_by_time(tmp_path: Path) -> None:
 def test_the_last_seconds_are_written_whenever_asked(tmp_path: Path) -> None:
     """From Python and by a zenoh query; each is a recording, of what came in that time."""
     with start("hex:n=4", processes=1, log=tmp_path / "in.mcap") as run:
-        with record(run.endpoint, tmp_path / "last.mcap", snapshot_seconds=0.5) as recorder:
+        with Recorder(run.endpoint, tmp_path / "last.mcap", snapshot_seconds=0.5) as recorder:
             run.step(2)
             time.sleep(0.7)
             run.step(2)
@@ -248,7 +248,7 @@ def test_the_last_seconds_are_written_whenever_asked(tmp_path: Path) -> None:
 def test_nothing_is_lost_from_who_blocks(tmp_path: Path) -> None:
     """Twenty thousand messages, as fast as they go: each is there, in order."""
     with Router("tcp/127.0.0.1:0") as router, published(router.endpoint, 20_000) as child:
-        with record(router.endpoint, tmp_path / "out.mcap") as recorder:
+        with Recorder(router.endpoint, tmp_path / "out.mcap") as recorder:
             said(child)
             assert child.stdin is not None
             child.stdin.close()
@@ -262,7 +262,7 @@ def test_nothing_is_lost_from_who_blocks(tmp_path: Path) -> None:
 def test_a_full_backlog_holds_up_who_blocks_and_memory_is_bounded(tmp_path: Path) -> None:
     """With room for four messages all of three thousand come."""
     with Router("tcp/127.0.0.1:0") as router, published(router.endpoint, 3000, size=2000) as child:
-        with record(router.endpoint, tmp_path / "out.mcap", memory_megabytes=0.01) as recorder:
+        with Recorder(router.endpoint, tmp_path / "out.mcap", memory_megabytes=0.01) as recorder:
             said(child)
             assert child.stdin is not None
             child.stdin.close()
@@ -277,7 +277,7 @@ def test_a_recorder_leaves_while_its_backlog_is_full(tmp_path: Path) -> None:
     """While more comes than it has room for: its file is closed, and nothing is raised."""
     log = tmp_path / "out.mcap"
     with Router("tcp/127.0.0.1:0") as router, published(router.endpoint, 500_000) as child:
-        with record(router.endpoint, log, memory_megabytes=0.001) as recorder:
+        with Recorder(router.endpoint, log, memory_megabytes=0.001) as recorder:
             assert child.stdin is not None
             child.stdin.write("\n")
             child.stdin.flush()
@@ -388,7 +388,7 @@ def test_a_router_with_several_runs_is_asked_for_one(tmp_path: Path) -> None:
     """One clear line names them; with `run` it is the one meant."""
     with Router("tcp/127.0.0.1:0") as router:
         with pytest.raises(CheckError, match=r"no run answers at tcp/.*, in 0\.2 s"):
-            record(router.endpoint, patience_s=0.2)
+            Recorder(router.endpoint, patience_s=0.2)
         options = {"processes": 1, "connect": router.endpoint}
         with (
             start("hex:n=4", log=tmp_path / "a.mcap", **options) as one,  # type: ignore[arg-type]
@@ -396,8 +396,8 @@ def test_a_router_with_several_runs_is_asked_for_one(tmp_path: Path) -> None:
         ):
             names = ", ".join(sorted((one.run, two.run)))
             with pytest.raises(InputError, match=f"2 runs are at .*: expected --run, .* {names}"):
-                record(router.endpoint, tmp_path / "c.mcap")
-            with record(router.endpoint, tmp_path / "c.mcap", run=two.run) as recorder:
+                Recorder(router.endpoint, tmp_path / "c.mcap")
+            with Recorder(router.endpoint, tmp_path / "c.mcap", run=two.run) as recorder:
                 one.step(1)
                 two.step(1)
             assert recorder.run == two.run
@@ -412,7 +412,7 @@ def test_a_replay_can_be_recorded_as_far_as_it_puts_messages(tmp_path: Path) -> 
         replay(
             log,
             announce=lambda endpoint, run: heard.append(
-                recorders.enter_context(record(endpoint, out, run=run))
+                recorders.enter_context(Recorder(endpoint, out, run=run))
             ),
         )
         assert heard[0].wait(20)

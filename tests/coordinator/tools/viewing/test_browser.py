@@ -5,8 +5,6 @@ console, and whatever it asks the network for, fails the test that opened it.
 """
 
 import re
-import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -23,60 +21,7 @@ from processes.watched_pages import KINDS, Open, Watched, pivoting_squares, unti
 
 pytestmark = pytest.mark.browser
 
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
 GOLDEN = Path(__file__).parents[4] / "logs" / "golden"
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    """Start the browser that Debian has."""
-    from playwright.sync_api import sync_playwright
-
-    path = shutil.which("chromium")
-    assert path is not None, "no chromium: apt-get install chromium"
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
-        yield browser
-        browser.close()
-
-
-@pytest.fixture
-def opened(chromium: Any) -> Iterator[Open]:
-    """Open pages, paused at the start; fail if one complains, or asks for anything."""
-    said: list[str] = []
-    contexts: list[Any] = []
-
-    def open_page(path: Path, *, scheme: str = "light", playing: bool = False) -> Any:
-        context = chromium.new_context(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
-        contexts.append(context)
-        page = context.new_page()
-        page.on("console", lambda message: said.append(f"console: {message.text}"))
-        page.on("pageerror", lambda error: said.append(f"error: {error}"))
-
-        def asked(request: Any) -> None:
-            if request.url not in {path.as_uri(), "data:,"}:
-                said.append(f"asks for {request.url}")
-
-        page.on("request", asked)
-        page.goto(path.as_uri())
-        page.wait_for_selector("html[data-ready]")
-        if not playing:
-            page.evaluate("cubepath.seek(0)")
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert said == []
 
 
 @pytest.fixture
@@ -453,36 +398,6 @@ def test_paths_without_moves_are_shown_as_well(steps: int, tmp_path: Path, opene
         page.keyboard.press("End")
         assert f"round {steps} of {steps}" in settled(page).inner_text(".where")
     assert page.evaluate("cubepath.state(99, 1).steps") == 0
-
-
-def test_a_page_can_be_fed(tmp_path: Path, opened: Open) -> None:
-    """Fed its rows and its steps one by one, a page ends as one that had all from the beginning."""
-    found = watched("hex:n=5", tmp_path)
-    run_page(found.shown, tmp_path / "run.html")
-    page = opened(tmp_path / "run.html")
-    whole, fed = page.evaluate(
-        """() => {
-          const { view } = cubepath, [whole] = view.paths, { world } = whole;
-          const none = (table) => Object.fromEntries(Object.keys(table).map((name) => [name, []]));
-          const rows = { ...none(world.rows), begins: [0], generators: world.rows.generators };
-          view.worlds.push(new cubepath.World({ ...world, rows }));
-          const made = new cubepath.Path(view.worlds[1], { ...whole.data, ...none(whole.data) });
-          made.name = whole.name;
-          view.paths.push(made);
-          const begins = world.rows.begins.slice(1);
-          cubepath.extend(1, { rows: { ...world.rows, begins, generators: [] } });
-          for (let step = 1; step <= whole.steps; step++) {
-            const part = (list) => list.slice(whole.begin(step), whole.ends[step - 1]);
-            const [rows, below, depth] = [whole.rows, whole.below, whole.depth].map(part);
-            cubepath.append(2, { rows, below, depth });
-          }
-          const end = (path) => cubepath.state(whole.steps, path).modules;
-          return [0, 2].map((path) => [end(path), view.paths[path].chain]);
-        }"""
-    )
-    assert whole == fed
-    assert [each["site"] for each in fed[0]] == found.sites[0][-1]
-    assert page.evaluate("Array.from(cubepath.view.paths[0].data.chain)") == fed[1]
 
 
 def test_who_is_smaller_than_a_pixel_is_seen(tmp_path: Path, opened: Open) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.continuing import what_if
-from cubepath.coordinator.tools.comparison.comparing import diff
+from cubepath.coordinator.tools.comparison.run_comparison import diff
 from cubepath.coordinator.tools.viewing.pages import page_document, run_page
 from cubepath.protocol.core.errors import InputError
 from processes.watched_pages import watched

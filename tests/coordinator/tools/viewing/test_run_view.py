@@ -158,8 +158,10 @@ def turns(world: Any) -> Iterator[tuple[str, complex, complex, complex, float]]:
         for place in range(begin, rows["begins"][row + 1]):
             ends = (rows[each][place] for each in ("source", "target"))
             one, other = (complex(*at[2 * site : 2 * site + 2]) for site in ends)
-            corner = complex(*rows["corner"][2 * place : 2 * place + 2])
-            yield name, one, other, corner, rows["turn"][place]
+            first, last = rows["leg_begins"][place : place + 2]
+            x, y, _, *axis, turn = rows["legs"][7 * first : 7 * last]
+            assert not turn or axis == [0, 0, 1]
+            yield name, one, other, complex(x, y), turn
 
 
 def test_a_hexagon_turns_about_a_corner_that_it_keeps(tmp_path: Path) -> None:

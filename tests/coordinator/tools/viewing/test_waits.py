@@ -1,7 +1,5 @@
 """Which move waited for which: against the definition, pair by pair."""
 
-from itertools import pairwise
-
 from hypothesis import given, strategies as st
 
 from cubepath.coordinator.normal_form.heap import Heap
@@ -22,17 +20,6 @@ def test_a_move_waits_for_the_deepest_that_it_does_not_commute_with(path: Word) 
         below.append(deepest[1])
     found = waits_of(path)
     assert (found.depths.tolist(), found.below.tolist()) == (depths, below)
-
-
-@given(words())
-def test_the_longest_chain_is_a_chain_and_the_longest(path: Word) -> None:
-    """Each of its moves does not commute with the next, and it has one of each depth."""
-    found = waits_of(path)
-    chain = found.chain.tolist()
-    assert [found.depths[place] for place in chain] == list(range(1, max([0, *found.depths]) + 1))
-    for one, other in pairwise(chain):
-        assert one < other
-        assert not commute(path[one], path[other])
 
 
 @given(st.sampled_from(SCENES).flatmap(walks))

@@ -3,46 +3,45 @@
 from collections import Counter
 from collections.abc import Callable
 from fractions import Fraction
-from itertools import count as numbers
+from itertools import count as numbers, product
+from operator import sub
 
 import pytest
 
 from chances import as_chance_has_it
 from cubepath.protocol.core.actions import apply
-from cubepath.protocol.core.catalogue import HEXAGONS, Cell
-from cubepath.protocol.scenes.random_scenes import (
-    FOUR,
-    SIX,
-    Stream,
-    grown_once,
-    grown_shape,
-    uniform_shape,
-)
+from cubepath.protocol.core.catalogue import CUBES, DODECAHEDRA, HEXAGONS, SQUARES, Cell, Lattice
+from cubepath.protocol.scenes.random_scenes import Stream, grown_once, grown_shape, uniform_shape
 from cubepath.protocol.scenes.specs import scene_from_spec
 from oracles.complexes import actions_at
+from oracles.touching import pieces, touching
 
-COUNTS = {SIX: (1, 3, 11, 44, 186, 814), FOUR: (1, 2, 6, 19, 63, 216)}
-"""Fixed polyhexes and polyominoes by their number of cells (OEIS A001207, A001168)."""
+COUNTS = {
+    HEXAGONS: (1, 3, 11, 44, 186, 814),
+    SQUARES: (1, 2, 6, 19, 63, 216),
+    CUBES: (1, 3, 15, 86, 534),
+    DODECAHEDRA: (1, 6, 50, 475),
+}
+"""Fixed polyhexes, polyominoes and polycubes by their number of cells (OEIS A001207, A001168,
+A001931); those of the face-centred cubic lattice, by a search like `all_shapes`."""
 Shape = tuple[Cell, ...]
 
 
 def moved(cells: Shape) -> Shape:
-    """Return the shape with its least column and row at 0."""
-    q, r = min(cell[0] for cell in cells), min(cell[1] for cell in cells)
-    return tuple(sorted((cell[0] - q, cell[1] - r) for cell in cells))
+    """Return the shape with its first cell at the origin."""
+    return tuple(sorted(tuple(map(sub, cell, min(cells))) for cell in cells))
 
 
-def all_shapes(size: int, beside: tuple[Cell, ...]) -> set[Shape]:
+def around(lattice: Lattice, shape: Shape) -> set[Cell]:
+    """Return the cells that touch a shape."""
+    return set().union(*(touching(lattice, cell) for cell in shape)) - {*shape}
+
+
+def all_shapes(size: int, lattice: Lattice) -> set[Shape]:
     """Return all shapes of a size, the obvious way: one cell more, wherever it can be."""
-    found: set[Shape] = {((0, 0),)}
+    found: set[Shape] = {((0,) * lattice.arity,)}
     for _ in range(size - 1):
-        found = {
-            moved((*shape, (q + along, r + up)))
-            for shape in found
-            for q, r in shape
-            for along, up in beside
-            if (q + along, r + up) not in shape
-        }
+        found = {moved((*shape, cell)) for shape in found for cell in around(lattice, shape)}
     return found
 
 
@@ -60,14 +59,14 @@ class Told(Stream):
         return self.answers.pop(0)
 
 
-def account(size: int, beside: tuple[Cell, ...], most: int) -> dict[Shape, Fraction]:
+def account(size: int, lattice: Lattice, most: int) -> dict[Shape, Fraction]:
     """Return the exact probability of each outcome of one try, over all answers of the stream."""
     found: dict[Shape, Fraction] = Counter()  # type: ignore[assignment]
     waiting: list[tuple[tuple[int, ...], Fraction]] = [((), Fraction(1))]
     while waiting:
         answers, share = waiting.pop()
         try:
-            shape = grown_once(size, beside, most, Told(answers))
+            shape = grown_once(size, lattice, most, Told(answers))
         except EOFError:
             waiting += [((*answers, 0), share / 3), ((*answers, 1), share * 2 / 3)]
         else:
@@ -77,76 +76,75 @@ def account(size: int, beside: tuple[Cell, ...], most: int) -> dict[Shape, Fract
 
 
 @pytest.mark.parametrize(
-    ("size", "beside", "extra"), [(1, SIX, 4), (2, SIX, 4), (3, SIX, 4), (3, FOUR, 2), (4, FOUR, 2)]
+    ("size", "lattice"),
+    [(1, HEXAGONS), (2, HEXAGONS), (3, HEXAGONS), (3, SQUARES), (4, SQUARES), (2, CUBES)],
 )
-def test_each_shape_at_each_of_its_cells_is_exactly_as_likely(
-    size: int, beside: tuple[Cell, ...], extra: int
-) -> None:
+def test_each_shape_at_each_of_its_cells_is_exactly_as_likely(size: int, lattice: Lattice) -> None:
     """Over all answers of the stream, with their probabilities as fractions: no estimate."""
-    most = 2 * size + extra
-    found = account(size, beside, most)
+    most = len(around(lattice, straight(size, lattice)))
+    found = account(size, lattice, most)
     assert set(found.values()) == {Fraction(1, 3) ** (size - 1) * Fraction(2, 3) ** most}
-    assert {moved(shape) for shape in found} == all_shapes(size, beside)
-    assert len(found) == size * COUNTS[beside][size - 1]
+    assert {moved(shape) for shape in found} == all_shapes(size, lattice)
+    assert len(found) == size * COUNTS[lattice][size - 1]
 
 
-@pytest.mark.parametrize(("beside", "extra"), [(SIX, 4), (FOUR, 2)])
-def test_no_shape_has_more_cells_beside_it_than_a_line(
-    beside: tuple[Cell, ...], extra: int
-) -> None:
-    """The bound that the uniform way rests on, over all shapes to six cells."""
-    for size in range(1, 7):
-        around = [
-            len({(q + a, r + b) for q, r in shape for a, b in beside} - set(shape))
-            for shape in all_shapes(size, beside)
-        ]
-        assert len(around) == COUNTS[beside][size - 1]
-        assert max(around) == 2 * size + extra
+def straight(size: int, lattice: Lattice) -> Shape:
+    """Return a line along the first contact."""
+    return tuple(tuple(step * x for x in lattice.contacts[0][1]) for step in range(size))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lattice", COUNTS)
+def test_no_shape_has_more_cells_beside_it_than_a_line(lattice: Lattice) -> None:
+    """The bound that the uniform way rests on, over all shapes of some cells, which are known."""
+    for size, count in enumerate(COUNTS[lattice][:5], 1):
+        found = [len(around(lattice, shape)) for shape in all_shapes(size, lattice)]
+        assert len(found) == count
+        assert max(found) == len(around(lattice, straight(size, lattice)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("beside", "size"),
+    ("lattice", "size"),
     [
-        (SIX, 4),
-        pytest.param(SIX, 5, marks=pytest.mark.nightly),
-        pytest.param(FOUR, 5, marks=pytest.mark.nightly),
+        (HEXAGONS, 4),
+        pytest.param(HEXAGONS, 5, marks=pytest.mark.nightly),
+        pytest.param(SQUARES, 5, marks=pytest.mark.nightly),
     ],
 )
-def test_shapes_come_about_as_often_as_one_another(beside: tuple[Cell, ...], size: int) -> None:
+def test_shapes_come_about_as_often_as_one_another(lattice: Lattice, size: int) -> None:
     """Twenty of each, from one seed after another: each is as frequent as chance has it."""
-    shapes = all_shapes(size, beside)
+    shapes = all_shapes(size, lattice)
     found = Counter(
-        moved(uniform_shape(size, beside, Stream("start shape", seed)))
+        moved(uniform_shape(size, lattice, Stream("start shape", seed)))
         for seed in range(20 * len(shapes))
     )
     assert found.keys() <= shapes
     assert as_chance_has_it([found[shape] for shape in shapes], 20)
 
 
-@pytest.mark.parametrize("beside", [SIX, FOUR])
-@pytest.mark.parametrize("size", [1, 2, 7, 12])
-def test_shapes_are_connected_and_hold_the_origin(beside: tuple[Cell, ...], size: int) -> None:
+@pytest.mark.parametrize(
+    ("lattice", "size"),
+    [*product((HEXAGONS, SQUARES), (1, 2, 7, 12)), *product((CUBES, DODECAHEDRA), (1, 2, 4))],
+)
+def test_shapes_are_connected_and_hold_the_origin(lattice: Lattice, size: int) -> None:
     """Either way of drawing, for several seeds."""
     for seed, draw in zip(numbers(), (uniform_shape, grown_shape) * 3, strict=False):
-        shape = draw(size, beside, Stream("shape", seed))
+        shape = draw(size, lattice, Stream("shape", seed))
         assert len(set(shape)) == size
         assert shape == tuple(sorted(shape))
-        left, waiting = set(shape) - {(0, 0)}, [(0, 0)]
-        for q, r in waiting:
-            near = {(q + along, r + up) for along, up in beside} & left
-            left -= near
-            waiting += near
-        assert (0, 0) in shape
-        assert not left
+        assert (0,) * lattice.arity in shape
+        assert pieces(lattice, {*shape}) == 1
 
 
 def test_growth_prefers_compact_shapes() -> None:
     """Of the 8 cells beside two hexagons 2 make a triangle; of the 11 shapes of three 2 are one."""
     triangles = {moved(((0, 0), (1, 0), (0, 1))), moved(((1, 0), (0, 1), (1, 1)))}
 
-    def share(draw: Callable[[int, tuple[Cell, ...], Stream], Shape]) -> int:
-        return sum(moved(draw(3, SIX, Stream("shape", seed))) in triangles for seed in range(1100))
+    def share(draw: Callable[[int, Lattice, Stream], Shape]) -> int:
+        return sum(
+            moved(draw(3, HEXAGONS, Stream("shape", seed))) in triangles for seed in range(1100)
+        )
 
     # Four standard deviations about 1100 / 4 and 1100 * 2 / 11.
     assert 217 < share(grown_shape) < 333
@@ -166,7 +164,7 @@ def test_growth_prefers_compact_shapes() -> None:
 def test_which_shapes_of_hexagons_reach_one_another(size: int, parts: list[int]) -> None:
     """With catalogue 1, up to translation: all to five, and from six on not quite all."""
     scene = scene_from_spec(f"hex:n={size}")
-    left = all_shapes(size, SIX)
+    left = all_shapes(size, HEXAGONS)
     found = []
     while left:
         part = [left.pop()]

@@ -12,7 +12,6 @@ from cubepath.coordinator.commands.files import Output, check_files, output_path
 from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
-from cubepath.protocol.core.sites import site_text
 
 if TYPE_CHECKING:
     from cubepath.coordinator.theory.complexes.report import ComplexReport
@@ -60,8 +59,6 @@ def _complex(options: argparse.Namespace) -> int:
     limit: int = options.max_states or MAX_STATES
     with console.progress_bar(None, "complex", " done") as bar:
         scene = scene_from_spec(options.system)
-        if not (options.shape or options.max_states):
-            _check_end(scene)
         stage = ""
 
         def watch(what: str, done: int, total: int) -> None:
@@ -104,22 +101,6 @@ def _complex(options: argparse.Namespace) -> int:
     return console.DONE
 
 
-def _check_end(scene: Scene) -> None:
-    """Say at once where there is no end of states; InputError names who can wander off."""
-    from cubepath.coordinator.theory.search.exact import wandering  # noqa: PLC0415
-
-    found = wandering(scene)
-    if found is not None:
-        who = "all modules"
-        if len(found.modules) < len(scene.start):
-            who = "modules at " + " and ".join(map(site_text, found.modules))
-        raise InputError(
-            f"{scene.spec}: endless, since {found.moves} moves take {who} on by {list(found.by)},"
-            " again and again: expected --shape, a scene with a base (base=1) or a workspace, or"
-            " --max-states N to look at N states"
-        )
-
-
 def _advice(scene: Scene) -> str:
     if scene.system.open:
         return (
@@ -137,6 +118,8 @@ def _rows(found: ComplexReport) -> list[tuple[str, object]]:
         ("complex", found.kind),
         ("states", states),
     ]
+    if found.goal is not None:
+        rows.append(("goal", "among them" if found.goal else "not among them: out of reach"))
     if found.f_vector is not None:
         rows += [
             ("f-vector", " ".join(map(str, found.f_vector))),

@@ -16,6 +16,7 @@ from cubepath.coordinator.commands.path_options import duration_file, given_dura
 from cubepath.coordinator.commands.verify import answer_checks
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
+from cubepath.protocol.core.garbage import collector_paused
 from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.sites import to_json
 
@@ -38,7 +39,7 @@ _TEXT_MAX = 60
 """Longest text of a state, in characters, that is printed rather than its digest."""
 
 
-ToldProof: TypeAlias = tuple[list[tuple[str, str]], dict[str, Any]]
+ProofAnswer: TypeAlias = tuple[list[tuple[str, str]], dict[str, Any]]
 """What a checked proof proves, as rows for people and as a document."""
 
 
@@ -48,7 +49,7 @@ class ClaimedProof(NamedTuple):
     refutation: ClaimedRefutation | FollowingRefutation
     other_task: str | None
     """Why it is about another task than the one that is given, None if it is not."""
-    told: Callable[[Any], ToldProof]
+    answer: Callable[[Any], ProofAnswer]
     """Returns what its result proves."""
 
 
@@ -67,20 +68,19 @@ def state_text(sites: list[Any], what: str) -> str:
     return text if len(text) <= _TEXT_MAX else f"{len(sites)} {what}, SHA-256 {digest(sites)}"
 
 
-def told_of(
+def proof_answer(
     proof: FollowingProof | OptimalityProof,
     found: FewestRoundsResult | ProofResult,
     claim: str,
     *,
     head: dict[str, Any],
     counts: dict[str, int],
-    task: ToldProof,
-) -> ToldProof:
+    task: ProofAnswer,
+) -> ProofAnswer:
     """Return what a proof proves that was checked; `head` and `counts` are keys of the document."""
     claim += ": optimal" if found.optimal else ""
-    rows = [("proved" if found.proved else "agreed", claim), *task[0], ("solver", proof.solver)]
-    document = {"ok": found.proved, "standing": proof.standing, **head}
-    document |= {"optimal": found.optimal, "solver": proof.solver, **counts}
+    rows = [("proved", claim), *task[0], ("solver", proof.solver)]
+    document = {"ok": True, **head, "optimal": found.optimal, "solver": proof.solver, **counts}
     return [*rows, *((name, str(count)) for name, count in counts.items())], document | task[1]
 
 
@@ -133,9 +133,9 @@ def claimed_following(
     proof = read_following_proof(file)
     refutation = FollowingRefutation(proof, tell)
 
-    def told(found: FewestRoundsResult) -> ToldProof:
+    def answer(found: FewestRoundsResult) -> ProofAnswer:
         less = f"no timetable of {counted(found.refuted, 'round')} or fewer"
-        return told_of(
+        return proof_answer(
             proof,
             found,
             f"under the rule {proof.rule} {less}; the timetable has {found.rounds}",
@@ -144,10 +144,10 @@ def claimed_following(
             task=_task(proof),
         )
 
-    return ClaimedProof(refutation, None if plan is None else refutation.other_task(plan), told)
+    return ClaimedProof(refutation, None if plan is None else refutation.other_task(plan), answer)
 
 
-def _task(proof: FollowingProof) -> ToldProof:
+def _task(proof: FollowingProof) -> ProofAnswer:
     """Return what a proof is about; the digest of its graph does not depend on any numbering."""
     cells = proof.vertices
     edges = sorted({tuple(sorted((cells[one], cells[other]))) for one, other in proof.edges})
@@ -201,7 +201,7 @@ def improve_following(options: argparse.Namespace) -> int:
     durations = given_durations(options)
     timed = durations is not None
     with opened(options.input) as file:
-        with progress_bar(None, "following", ""):
+        with progress_bar(None, "following", ""), collector_paused():
             plan = read_vehicle_plan(file, options.system, hints(options))
             found = following_timetable(plan, options.following, durations)
             written = checked(timetable_file(found, timed=timed), plan)
@@ -272,8 +272,8 @@ def _fewest_rows(fewest: FewestRounds | None) -> list[tuple[str, object]]:
     ]
     if fewest.agreed is not None:
         rows.append(("agreed", f"{fewest.agreed} (two solvers, without a proof to check)"))
-    told = {"done": "", "time": ", out of time", "interrupt": ", interrupted"}
-    ended = told.get(fewest.ended, f", {fewest.ended}")
+    endings = {"done": "", "time": ", out of time", "interrupt": ", interrupted"}
+    ended = endings.get(fewest.ended, f", {fewest.ended}")
     return [*rows, ("spent on", f"proof {fewest.seconds:.1f} s{ended}")]
 
 

@@ -133,9 +133,9 @@ def _improve(options: argparse.Namespace) -> int:
         from cubepath.coordinator.shortening.explain import certified_path  # noqa: PLC0415
 
         with progress_bar(None, "certificate", ""):
-            told = shorten.explained(found, certified_path(found))
-        document |= told.document
-        lines = told.lines
+            explanation = shorten.explained(found, certified_path(found))
+        document |= explanation.document
+        lines = explanation.lines
     if out is not None:
         with progress_bar(None, "write", ""):
             shorten.write_schedule(out, found, lambda: known.named)
@@ -197,9 +197,10 @@ def _rows(known: OptimalityReport, proof: Path | None) -> list[tuple[str, object
         none = files.none_written(proof, "no length was refuted by clauses")
         rows.append(("proof", known.proof or none))
     if known.only_class is not None:
-        rows.append(("other classes", "none" if known.only_class else "there are"))
+        rows.append(("other classes", "none" if known.only_class else "some"))
     rows += [
-        ("spent on" if not place else "", _told(each)) for place, each in enumerate(known.spent)
+        ("spent on" if not place else "", _stage_text(each))
+        for place, each in enumerate(known.spent)
     ]
     return rows
 
@@ -222,7 +223,7 @@ _ENDED = {
 }
 
 
-def _told(stage: SearchStage) -> str:
+def _stage_text(stage: SearchStage) -> str:
     unit = _STEPS.get(stage.name)
     if unit is None:
         return f"{stage.name} {stage.seconds:.1f} s"

@@ -49,7 +49,7 @@ class CollapseResult:
 
 
 def collapse(complex_: CubicalComplex) -> CollapseResult:
-    """Collapse the complex as long as there are free faces; return what is left.
+    """Collapse the complex as long as there are free faces; return the rest.
 
     Greedy. If more than a point is left of a complex with Euler characteristic 1, other orders are
     tried, `ORDERS` in all and always the same; the one that leaves the fewest cubes counts.

@@ -214,9 +214,9 @@ def best_view(points: Points, edges: NDArray[np.int32]) -> ProjectedView:
     views = max(_VIEWS_LEAST, min(_VIEWS, int(_WORK / 4 / len(points) ** 2)))
     for towards in _directions(views):
         turned = points @ _turned_to(towards).T
-        told = _told_apart(turned[:, :2], edges)
-        if told > best + 1e-9:
-            best, seen = told, turned
+        apart = _told_apart(turned[:, :2], edges)
+        if apart > best + 1e-9:
+            best, seen = apart, turned
     flat = seen[:, :2]
     across = np.linalg.eigh(flat.T @ flat)[1][:, ::-1]
     across[:, 1] = -across[1, 0], across[0, 0]
@@ -321,8 +321,8 @@ def draw_complex(
         f"{count} {name if count > 1 else name.replace('vertices', 'vertex').removesuffix('s')}"
         for count, name in zip(complex_.f_vector, _names(complex_.dimension), strict=True)
     )
-    told = f"{title}\n{counts}" if title else counts
-    figure.suptitle(told, y=1 - 0.12 / high, va="top", fontsize=10, color=theme.of(INK))
+    heading = f"{title}\n{counts}" if title else counts
+    figure.suptitle(heading, y=1 - 0.12 / high, va="top", fontsize=10, color=theme.of(INK))
     kind = path.suffix.lower()[1:]
     with written_whole(path) as stream:
         figure.savefig(stream, format=kind, metadata={"Software": None} if kind == "png" else None)
@@ -343,16 +343,16 @@ def _swatches(largest: NDArray[np.int64]) -> list[Artist]:
     """Return the entries of the legend: the colours of squares that occur."""
     from matplotlib.patches import Patch  # noqa: PLC0415
 
-    said: dict[str, list[int]] = {}
+    by_colour: dict[str, list[int]] = {}
     for k in np.unique(largest).tolist():
-        said.setdefault(_colour_in(k), []).append(k)
+        by_colour.setdefault(_colour_in(k), []).append(k)
     return [
         Patch(
             facecolor=colour,
             alpha=0.6,
             label="square in no 3-cube" if found == [2] else f"in a {_cubes(found)}",
         )
-        for colour, found in said.items()
+        for colour, found in by_colour.items()
     ]
 
 

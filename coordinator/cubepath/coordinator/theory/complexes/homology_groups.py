@@ -1,6 +1,6 @@
 """Homology of a cubical complex over Z, with its torsion, and over Z/2: exact, for large complexes.
 
-Three steps, each exact, each keeping the complex up to chain homotopy equivalence over Z:
+Two steps, both exact; the first keeps the complex up to chain homotopy equivalence over Z:
 
 1. *Discrete Morse matching by coreductions* on sparse arrays; then again on the Morse complex, as
    long as it shrinks. A cell that has just one face left, with incidence 1 or -1, is removed
@@ -11,9 +11,8 @@ Three steps, each exact, each keeping the complex up to chain homotopy equivalen
    cell complexes* (1998); Skoeldberg, *Morse theory from an algebraic viewpoint* (2006); Harker,
    Mischaikow, Mrozek and Nanda, *Discrete Morse theoretic algorithms for computing homology of
    complexes and maps* (2014).
-2. *Elimination of unit pivots* in the remaining complex, with Python's integers.
-3. *Smith forms and ranks* by python-flint of the rest, which has no unit entries (Hatcher,
-   *Algebraic topology*, section 2.2, for how to read homology off them).
+2. *Smith forms and ranks* of the rest by python-flint (Hatcher, *Algebraic topology*, section 2.2,
+   for how to read homology off them).
 
 The boundary of the Morse complex flows from each critical cell along the matching: a face that is
 matched with a greater cell is replaced by the rest of that cell's boundary, one that is matched
@@ -26,9 +25,9 @@ of its incidences, and only a face with incidence 1 or -1 is ever matched.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 from itertools import pairwise
-from typing import NamedTuple, TypeAlias, cast
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from flint import fmpz_mat, nmod_mat
@@ -179,8 +178,6 @@ def _wait(cell: int, front: _Front) -> None:
 Column: TypeAlias = dict[int, int]
 
 _DROPPED = -(2**31)
-_SMALL, _LARGE = 4, 12
-"""Binary logarithms of the sizes of the blocks of rows in which waiting rows are counted."""
 
 
 class MorsePaths(NamedTuple):
@@ -200,16 +197,12 @@ class MorsePaths(NamedTuple):
 class _Flow(NamedTuple):
     """The working state of one column: coefficients of rows, which of them wait, and what it found.
 
-    total: the coefficient of each row, as 64-bit integers, or as Python's integers if 64 bits are
-    too few. waiting: whether a row has one. few, many: how many rows wait in each small and large
-    block. column: the coefficients of critical cells; seen: whether they were reached; reached:
-    those that were, in that order.
+    total: the coefficient of each row. waiting: whether a row has one. column: the coefficients of
+    critical cells; seen: whether they were reached; reached: those that were, in that order.
     """
 
     total: Numbers
     waiting: NDArray[np.bool_]
-    few: Cells
-    many: Cells
     column: Numbers
     seen: NDArray[np.bool_]
     reached: Cells
@@ -226,27 +219,19 @@ def paths_along(boundary: Boundary, matching: Matching) -> MorsePaths:
 def morse_columns(paths: MorsePaths, limit: int) -> list[Column] | None:
     """Return the Morse boundary of every critical cell, as coefficients by critical cell.
 
-    With a limit of 0 it uses Python's integers; otherwise it is compiled, and returns None if a
-    coefficient exceeds the limit.
+    None if a coefficient exceeds the limit.
     """
     rows, critical = len(paths.start) - 1, len(paths.critical)
-    run: Callable[[int, MorsePaths, _Flow, int], int] = _flow.for_work(100 * critical)
-    total, column = np.zeros(rows, np.int64), np.zeros(critical, np.int64)
-    if not limit:
-        run = _flow.plain
-        total = cast("Numbers", total.astype(np.object_))
-        column = cast("Numbers", column.astype(np.object_))
-        paths = paths._replace(value=cast("Cells", paths.value.astype(np.object_)))
-    few = np.zeros((rows >> _SMALL) + 1, np.int32)
-    many = np.zeros((rows >> _LARGE) + 1, np.int32)
-    waiting, seen = np.zeros(rows, np.bool_), np.zeros(critical, np.bool_)
-    flow = _Flow(total, waiting, few, many, column, seen, np.empty(critical, np.int32))
+    run = _flow.for_work(100 * critical)
+    column, seen = np.zeros(critical, np.int64), np.zeros(critical, np.bool_)
+    reached = np.empty(critical, np.int32)
+    flow = _Flow(np.zeros(rows, np.int64), np.zeros(rows, np.bool_), column, seen, reached)
     columns: list[Column] = []
     for row in paths.critical.tolist():
         found = run(row, paths, flow, limit)
         if found < 0:
             return None
-        here = flow.reached[:found]
+        here = reached[:found]
         columns.append(
             {f: c for f, c in zip(here.tolist(), column[here].tolist(), strict=True) if c}
         )
@@ -306,18 +291,20 @@ def _flow(row: int, paths: MorsePaths, flow: _Flow, limit: int) -> int:
     """Write the column of the critical cell with this row; return how many it reaches.
 
     Before the call, no row waits, and all coefficients are 0; after it, only those of the reached
-    cells differ from that. Return -1 if a coefficient exceeds the limit; a limit of 0 means none.
+    cells differ from that. Return -1 if a coefficient exceeds the limit.
     """
     factor, found = 1, 0
+    ahead = [row]  # the rows that wait, the first on top
+    ahead.pop()
     while True:
         for i in range(paths.start[row], paths.start[row + 1]):
-            node, change = paths.node[i], factor * paths.value[i]
+            node, change = np.int64(paths.node[i]), factor * paths.value[i]
             if node >= 0:
                 flow.total[node] += change
                 size = abs(flow.total[node])
                 if not flow.waiting[node]:
                     flow.waiting[node] = True
-                    _count(flow, node, 1)
+                    heappush(ahead, int(node))
             else:
                 cell = -1 - node
                 flow.column[cell] += change
@@ -326,36 +313,15 @@ def _flow(row: int, paths: MorsePaths, flow: _Flow, limit: int) -> int:
                     flow.seen[cell] = True
                     flow.reached[found] = cell
                     found += 1
-            if limit and size > limit:
+            if size > limit:
                 return -1
         factor = 0
         while factor == 0:
-            row = _next(flow, row)
-            if row == len(flow.waiting):
+            if len(ahead) == 0:
                 return found
+            row = heappop(ahead)
             factor = flow.total[row]
             flow.total[row], flow.waiting[row] = 0, False
-            _count(flow, row, -1)
-
-
-@compiled
-def _count(flow: _Flow, row: int, change: int) -> None:
-    flow.few[row >> _SMALL] += change
-    flow.many[row >> _LARGE] += change
-
-
-@compiled
-def _next(flow: _Flow, row: int) -> int:
-    """Return the first row that waits from this one on, or the number of rows."""
-    rows = len(flow.waiting)
-    while row < rows and not flow.waiting[row]:
-        if flow.many[row >> _LARGE] == 0:
-            row = ((row >> _LARGE) + 1) << _LARGE
-        elif flow.few[row >> _SMALL] == 0:
-            row = ((row >> _SMALL) + 1) << _SMALL
-        else:
-            row += 1
-    return min(row, rows)
 
 
 Progress = Callable[[int], None]
@@ -363,7 +329,7 @@ Progress = Callable[[int], None]
 LIMIT = 2**30
 """Coefficients up to this are kept in 32 bits, and multiplied and added in 64.
 
-Beyond it they are Python's integers.
+A Morse complex with greater ones is not used: linear algebra takes the one before it.
 """
 
 
@@ -400,56 +366,23 @@ def homology(complex_: CubicalComplex, progress: Progress | None = None) -> Homo
     >>> found.betti, found.acyclic
     ((1, 1), False)
     """
-    chains = _chains_of(complex_)
+    told: Progress = progress or (lambda _cells: None)
+    counts = np.array(complex_.f_vector, np.int64)
+    dimension = np.repeat(np.arange(len(counts), dtype=np.int8), counts)
+    boundary = boundary_of(complex_)
     while True:
-        left = chains.count
-        chains, columns = _reduced(chains)
-        if progress is not None:
-            progress(left - chains.count)
-        if columns is not None:
+        matching = matched(boundary, cofaces(CellRows(boundary.start, boundary.face)))
+        critical = np.sort(matching.face[matching.face == matching.cell])
+        if len(critical) == len(dimension):
             break
-    found = _by_linear_algebra(columns, chains.dimension, complex_.dimension)
-    if progress is not None:
-        progress(chains.count)
+        columns = morse_columns(paths_along(boundary, matching), LIMIT)
+        if columns is None:
+            break
+        told(len(dimension) - len(critical))
+        dimension, boundary = dimension[critical], _boundary(columns)
+    found = _by_linear_algebra(_columns(boundary), dimension, complex_.dimension)
+    told(len(dimension))
     return found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Chains:
-    """A free chain complex with a basis of cells, numbered by ascending dimension."""
-
-    dimension: NDArray[np.int8]
-    boundary: Boundary
-
-    @property
-    def count(self) -> int:
-        """Return the number of cells."""
-        return len(self.dimension)
-
-
-def _chains_of(complex_: CubicalComplex) -> _Chains:
-    dimensions = np.arange(len(complex_.faces), dtype=np.int8)
-    dimension = np.repeat(dimensions, np.array(complex_.f_vector, np.int64))
-    return _Chains(dimension, boundary_of(complex_))
-
-
-def _reduced(chains: _Chains) -> tuple[_Chains, list[Column] | None]:
-    """Return the Morse complex of the chains, and its columns if nothing more can be matched there.
-
-    The columns are also returned if a coefficient exceeds `LIMIT`. Then the arrays of the Morse
-    complex are left empty, and only the columns, which are exact, may be used.
-    """
-    boundary = chains.boundary
-    matching = matched(boundary, cofaces(CellRows(boundary.start, boundary.face)))
-    critical = np.sort(matching.face[matching.face == matching.cell])
-    dimension = chains.dimension[critical]
-    if len(critical) == chains.count:
-        return chains, _columns(boundary)
-    paths = paths_along(boundary, matching)
-    columns = morse_columns(paths, LIMIT)
-    if columns is not None:
-        return _as_arrays(dimension, columns), None
-    return _as_arrays(dimension, [{}] * len(critical)), morse_columns(paths, 0)
 
 
 def _columns(boundary: Boundary) -> list[Column]:
@@ -461,13 +394,13 @@ def _columns(boundary: Boundary) -> list[Column]:
     ]
 
 
-def _as_arrays(dimension: NDArray[np.int8], columns: list[Column]) -> _Chains:
-    """Return the chain complex with these columns."""
+def _boundary(columns: list[Column]) -> Boundary:
+    """Return the boundary of a chain complex with these columns."""
     start = np.zeros(len(columns) + 1, np.int64)
     np.cumsum([len(column) for column in columns], out=start[1:])
     face = np.array([number for column in columns for number in column], np.int32)
     value = np.array([number for column in columns for number in column.values()], np.int32)
-    return _Chains(dimension, Boundary(start, face, value))
+    return Boundary(start, face, value)
 
 
 def _by_linear_algebra(
@@ -475,11 +408,8 @@ def _by_linear_algebra(
 ) -> Homology:
     """Return the homology of a chain complex given by the columns of its boundary."""
     cells: list[list[int]] = [[] for _ in range(highest + 1)]
-    critical = [0] * (highest + 1)
-    for k in dimension.tolist():
-        critical[k] += 1
-    for cell in _without_units(columns):
-        cells[dimension[cell]].append(cell)
+    for cell, k in enumerate(dimension.tolist()):
+        cells[k].append(cell)
     # Ranks of the boundary from dimension k; it is 0 from dimensions 0 and highest + 1.
     ranks, ranks_z2 = [0] * (highest + 2), [0] * (highest + 2)
     torsion: list[tuple[int, ...]] = [()] * (highest + 1)
@@ -492,58 +422,8 @@ def _by_linear_algebra(
         betti=tuple(counts[k] - ranks[k] - ranks[k + 1] for k in range(highest + 1)),
         torsion=tuple(torsion),
         betti_z2=tuple(counts[k] - ranks_z2[k] - ranks_z2[k + 1] for k in range(highest + 1)),
-        critical=tuple(critical),
+        critical=tuple(counts),
     )
-
-
-def _without_units(columns: list[Column]) -> list[int]:
-    """Remove pairs of cells with incidence 1 or -1 until there are none; return the other cells.
-
-    Changes the columns. A pair is taken from a column with few entries, and there from a row with
-    few entries, to keep the rest sparse.
-    """
-    rows: list[dict[int, None]] = [{} for _ in columns]
-    for cell, column in enumerate(columns):
-        for face in column:
-            rows[face][cell] = None
-    left = [True] * len(columns)
-    waiting = [(len(column), cell) for cell, column in enumerate(columns) if column]
-    heapify(waiting)
-    while waiting:
-        size, cell = heappop(waiting)
-        column = columns[cell]
-        units = [face for face, value in column.items() if abs(value) == 1]
-        if not left[cell] or size != len(column) or not units:
-            continue
-        pivot = min(units, key=lambda face: (len(rows[face]), face))
-        for other in list(rows[pivot]):
-            if other != cell:
-                _subtract(columns, rows, cell, columns[other][pivot] * column[pivot], other)
-                heappush(waiting, (len(columns[other]), other))
-        for gone in (pivot, cell):
-            left[gone] = False
-            for face in columns[gone]:
-                del rows[face][gone]
-            for above in rows[gone]:
-                del columns[above][gone]
-                heappush(waiting, (len(columns[above]), above))
-            columns[gone], rows[gone] = {}, {}
-    return [cell for cell, here in enumerate(left) if here]
-
-
-def _subtract(
-    columns: list[Column], rows: list[dict[int, None]], cell: int, factor: int, other: int
-) -> None:
-    """Subtract another cell's column, times the factor, from one cell's column."""
-    target = columns[other]
-    for face, value in columns[cell].items():
-        sum_ = target.get(face, 0) - factor * value
-        if sum_:
-            target[face] = sum_
-            rows[face][other] = None
-        else:
-            target.pop(face)
-            del rows[face][other]
 
 
 def _smith(columns: list[Column], cells: list[int]) -> tuple[list[int], int]:

@@ -26,7 +26,8 @@ from cubepath.coordinator.theory.complexes.state_complexes import (
     f_vector,
     state_complex,
 )
-from cubepath.coordinator.theory.complexes.surfaces import components, pulled_apart, surface
+from cubepath.coordinator.theory.complexes.state_masks import row_of
+from cubepath.coordinator.theory.complexes.surfaces import pulled_apart, surface
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.system import Scene
 
@@ -57,6 +58,8 @@ class ComplexReport:
     homotopy: str | None = None
     npc: bool | None = None
     links_checked: int | None = None
+    goal: bool | None = None
+    """Whether the goal of the scene is among the states; None without a goal, or if not known."""
     witnesses: list[str] = field(default_factory=list)
     failing: int = 0
     """The number of states at which the link condition fails."""
@@ -86,6 +89,7 @@ class ComplexReport:
             "local": self.local,
             "complete": self.complete,
             "states": self.states,
+            "goal": self.goal,
             "f_vector": self.f_vector,
             "euler": self.euler,
             "components": self.components,
@@ -121,18 +125,11 @@ def complex_report(
     states, `complete` is False and the report holds only what is known then.
     """
     began = perf_counter()
-    tell = progress or _silent
+    tell: Progress = progress or (lambda _what, _done, _total: None)
     if shape:
-        try:
-            shapes = shape_complex(
-                scene,
-                max_states=max_states,
-                progress=lambda done, known: tell("shapes", done, known),
-            )
-        except TooManyShapes as error:
-            return _too_many(scene, error.known, perf_counter() - began)
-        found = _of_shapes(shapes)
-        _examine(found, shapes.complex, with_homology, with_links, tell)
+        found = _of_shapes(scene, max_states, tell)
+        if isinstance(found.built, ShapeComplex):
+            _examine(found, found.built.complex, with_homology, with_links, tell)
         found.seconds = perf_counter() - began
         return found
     explored = explore(
@@ -145,6 +142,7 @@ def complex_report(
         complete=explored.complete,
         states=len(explored.states),
         memory=explored.memory,
+        goal=_has_goal(explored),
     )
     if not explored.complete:
         if with_links:
@@ -160,8 +158,17 @@ def complex_report(
     return found
 
 
-def _silent(what: str, done: int, total: int) -> None:
-    del what, done, total
+def _has_goal(explored: Exploration) -> bool | None:
+    scene = explored.scene
+    if scene.goal is None:
+        return None
+    bits = {site: bit for bit, site in enumerate(explored.bits.sites)}
+    on = scene.goal - scene.system.filled
+    found = False
+    if on <= bits.keys():  # others occur in no state
+        row = row_of(sum(1 << bits[site] for site in on), explored.states.shape[1])
+        found = bool((explored.states == row).all(axis=1).any())
+    return found or (False if explored.complete else None)
 
 
 def _built(explored: Exploration, *, with_links: bool) -> StateComplex:
@@ -175,29 +182,22 @@ def _built(explored: Exploration, *, with_links: bool) -> StateComplex:
     return state_complex(explored)
 
 
-def _too_many(scene: Scene, known: int, seconds: float) -> ComplexReport:
-    return ComplexReport(
-        system=scene.spec,
-        kind="shape complex",
-        local=True,
-        complete=False,
-        states=known,
-        memory=0,
-        seconds=seconds,
-    )
-
-
-def _of_shapes(shapes: ShapeComplex) -> ComplexReport:
-    return ComplexReport(
-        system=shapes.scene.spec,
-        kind="shape complex",
-        local=True,
-        complete=True,
-        states=len(shapes.shapes),
-        memory=sum(array.nbytes for array in shapes.complex.faces),
-        f_vector=shapes.complex.f_vector,
-        built=shapes,
-    )
+def _of_shapes(scene: Scene, max_states: int, progress: Progress) -> ComplexReport:
+    kind, local = "shape complex", scene.system.local
+    found = ComplexReport(scene.spec, kind, local, complete=True, states=0, memory=0)
+    try:
+        built = shape_complex(
+            scene,
+            max_states=max_states,
+            progress=lambda done, known: progress("shapes", done, known),
+        )
+    except TooManyShapes as error:
+        found.complete, found.states = False, error.known
+        return found
+    found.built, found.states = built, len(built.shapes)
+    found.memory = sum(array.nbytes for array in built.complex.faces)
+    found.f_vector = built.complex.f_vector
+    return found
 
 
 def _examine(
@@ -213,7 +213,6 @@ def _examine(
         found.npc, found.links_checked, found.failing = links.npc, links.checked, links.failures
         found.witnesses = _witnesses(found, links)
     if with_homology:
-        found.components = int(components(complex_).max(initial=-1)) + 1
         if complex_.dimension == 2:
             found.surface = surface(complex_).name
             unfolded = pulled_apart(complex_)
@@ -226,6 +225,7 @@ def _examine(
             progress("homology", done, cells)
 
         found.homology = homology(complex_, count)
+        found.components = found.homology.betti[0]
         progress("collapse", 0, 0)
         found.homotopy = contractibility(complex_, found.homology)
 

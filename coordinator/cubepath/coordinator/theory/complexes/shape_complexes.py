@@ -15,6 +15,7 @@ import numpy as np
 
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import MAX_STATES
+from cubepath.coordinator.theory.complexes.links import spans_cube
 from cubepath.protocol.core.actions import (
     Action,
     admissible,
@@ -27,7 +28,7 @@ from cubepath.protocol.core.actions import (
 from cubepath.protocol.core.catalogue import Cell, GeneratorPlacement, Lattice
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import Scene, System, local_only
+from cubepath.protocol.core.system import Scene, System
 
 Shape: TypeAlias = frozenset[Site]
 """The cells of an aggregate, translated so that the first in canonical order is at the origin."""
@@ -58,7 +59,7 @@ class ShapeComplex:
 
 def lattice_of(scene: Scene) -> Lattice:
     """Return the lattice of a scene on a whole lattice; InputError if translations do not act."""
-    system = local_only(scene, "shape complex").system
+    system = scene.system
     if system.catalogue is None:
         raise InputError(f"{scene.spec}: no lattice, so there are no shapes up to translation")
     if not system.open:
@@ -87,7 +88,7 @@ def shifted(lattice: Lattice, step: GeneratorPlacement, by: Cell) -> GeneratorPl
 
 
 def steps_at(system: System, shape: Shape) -> dict[GeneratorPlacement, Action]:
-    """Return the admissible actions of an aggregate, by their steps in ascending order.
+    """Return the actions that may be executed at an aggregate, by their steps in ascending order.
 
     An action that has two names in the catalogue is listed under the first of its steps.
     """
@@ -98,6 +99,7 @@ def steps_at(system: System, shape: Shape) -> dict[GeneratorPlacement, Action]:
                 move is not None
                 and isinstance(move.at, tuple)  # a translation, on a lattice
                 and admissible(move.action, shape)
+                and (system.local or system.legal(apply(move.action, shape)))
             ):
                 found[GeneratorPlacement(move.generator, move.at)] = move.action
     first = {found[step]: step for step in sorted(found, key=order_of, reverse=True)}
@@ -141,15 +143,26 @@ def shape_complex(
             progress(len(up), len(shapes))
         if len(shapes) > max_states:
             raise TooManyShapes(scene.spec, max_states, len(shapes))
-    cubes: list[list[Cube]] = [[(place, ()) for place in range(len(shapes))]]
-    for base, rising in enumerate(up):
-        for chosen in commuting_steps(rising):
-            if len(chosen) == len(cubes):
-                cubes.append([])
-            cubes[len(chosen)].append((base, chosen))
+    cubes = _cubes(scene, shapes, up)
     return ShapeComplex(
         scene, _complex(lattice, cubes, across), tuple(shapes), tuple(map(tuple, cubes))
     )
+
+
+def _cubes(
+    scene: Scene, shapes: list[Shape], up: list[dict[GeneratorPlacement, Action]]
+) -> list[list[Cube]]:
+    """Return the cubes by dimension, from the actions at end 0 of each shape."""
+    cubes: list[list[Cube]] = [[(place, ()) for place in range(len(shapes))]]
+    for base, rising in enumerate(up):
+        for chosen in commuting_steps(rising):
+            actions = [rising[step] for step in chosen]
+            if not (scene.system.local or spans_cube(scene, shapes[base], actions)):
+                continue
+            if len(chosen) == len(cubes):
+                cubes.append([])
+            cubes[len(chosen)].append((base, chosen))
+    return cubes
 
 
 def commuting_steps(actions: dict[GeneratorPlacement, Action]) -> Iterator[Steps]:

@@ -6,27 +6,14 @@ by Euler characteristic and orientability (Brahana, Dehn and Heegaard; Massey, *
 algebraic topology*, chapter I), by a union-find with path compression (Tarjan 1975) and parity.
 """
 
-from collections import Counter, defaultdict
 from dataclasses import dataclass
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.theory.complexes.cubical_complex import Cells, CubicalComplex, Faces
+from cubepath.coordinator.theory.complexes.cubical_complex import Cells, CubicalComplex
 from cubepath.protocol.compiled import compiled
-
-
-def components(complex_: CubicalComplex) -> Cells:
-    """Return the component of every vertex, shape (vertices,).
-
-    Components are numbered 0, 1, ... in the order of their least vertices.
-    """
-    vertices = complex_.f_vector[0] if complex_.faces else 0
-    if complex_.dimension < 1:
-        return np.arange(vertices, dtype=np.int32)
-    ends = complex_.faces[1][:, 0]
-    return classes(vertices, ends, np.zeros(len(ends), np.bool_))[0]
 
 
 def classes(count: int, pairs: Cells, differ: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.bool_]]:
@@ -109,7 +96,7 @@ class ClosedSurface:
 class Surface:
     """A complex as a surface: its components, or the first flaw if it is not a closed surface.
 
-    pieces: one for each component, in the order of their least vertices; empty if there is a flaw.
+    pieces: one for each component, in the order of their least squares; empty if there is a flaw.
     flaw: why it is not a closed surface; empty if it is.
     """
 
@@ -144,65 +131,18 @@ def surface(complex_: CubicalComplex) -> Surface:
         return Surface(flaw="it is empty")
     if dimension != 2:
         return Surface(flaw=f"its dimension is {dimension}, not 2")
-    flaw = _flaw(complex_)
-    return Surface(flaw=flaw) if flaw else Surface(_pieces(complex_))
-
-
-def _flaw(complex_: CubicalComplex) -> str:
-    """Return a line on the first edge or vertex that a closed surface cannot have, or ""."""
-    vertices, edges = complex_.f_vector[:2]
-    squares = complex_.faces[2]
-    sides = np.bincount(squares.reshape(-1), minlength=edges)
-    bad = np.flatnonzero(sides != 2)
+    glued = _glued(complex_)
+    bad = np.flatnonzero(glued.sides != 2)
     if len(bad):
-        count = sides[bad[0]]
-        return f"edge {bad[0]} lies in {count} square{'' if count == 1 else 's'}"
-    # The points of the link of a vertex are the ends of edges there, its arcs the corners of
-    # squares. The edge that fixes direction 0 runs in direction 1, and vice versa.
-    arcs = np.stack(
-        [
-            np.stack([2 * squares[:, 0, d] + e, 2 * squares[:, 1, e] + d], axis=1)
-            for d in (0, 1)
-            for e in (0, 1)
-        ]
-    ).reshape(-1, 2)
-    link, _ = classes(2 * edges, arcs, np.zeros(len(arcs), np.bool_))
-    # Here every point of a link is in two arcs, so the components of the link are circles.
-    _, first = np.unique(link, return_index=True)
-    circles = np.bincount(complex_.faces[1].reshape(-1)[first], minlength=vertices)
-    bad = np.flatnonzero(circles != 1)
+        count = glued.sides[bad[0]]
+        return Surface(flaw=f"edge {bad[0]} lies in {count} square{'' if count == 1 else 's'}")
+    # Then the link of a vertex consists of circles, one for each vertex of the surface over it.
+    bad = np.flatnonzero(glued.fans != 1)
     if len(bad):
-        return f"the link of vertex {bad[0]} consists of {circles[bad[0]]} circles, not 1"
-    return ""
-
-
-def _pieces(complex_: CubicalComplex) -> tuple[ClosedSurface, ...]:
-    """Return the components of a closed surface."""
-    _, edges, squares = complex_.faces[:3]
-    vertex = components(complex_)
-    edge = vertex[edges[:, 0, 0]]
-    square = edge[squares[:, 0, 0]]
-    count = int(vertex.max()) + 1
-    counts = [np.bincount(found, minlength=count) for found in (vertex, edge, square)]
-    euler = counts[0] - counts[1] + counts[2]
-    sheet, two_sided = classes(len(squares), *_seams(squares))
-    _, first = np.unique(sheet, return_index=True)
-    orientable = dict(zip(square[first].tolist(), two_sided.tolist(), strict=True))
-    return tuple(ClosedSurface(int(euler[piece]), orientable[piece]) for piece in range(count))
-
-
-def _seams(squares: Faces) -> tuple[Cells, NDArray[np.bool_]]:
-    """Return the two squares at every edge, and whether one must be turned over to fit the other.
-
-    They fit, by the definition of orientation, if the edge cancels in the sum of their boundaries.
-    """
-    by_edge = np.argsort(squares.reshape(-1), kind="stable").reshape(-1, 2)
-    forward = np.array([False, True, True, False])[by_edge % 4]
-    return (by_edge // 4).astype(np.int32), forward[:, 0] == forward[:, 1]
-
-
-_Side = tuple[int, int, int]
-"""A square, a direction, and the end at which it is fixed along this side."""
+        flaw = f"the link of vertex {bad[0]} consists of {glued.fans[bad[0]]} circles, not 1"
+        return Surface(flaw=flaw)
+    pieces = zip(glued.euler.tolist(), glued.orientable.tolist(), strict=True)
+    return Surface(tuple(ClosedSurface(*piece) for piece in pieces))
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,29 +164,63 @@ def pulled_apart(complex_: CubicalComplex) -> SeparatedSurface | None:
 
     Edges that are in no square are left out.
     """
-    sides = _sides(complex_)
-    if any(len(using) > 2 for using in sides.values()):
+    glued = _glued(complex_)
+    if (glued.sides > 2).any():
         return None
-    vertex = _vertices(complex_, sides)
-    pairs = [(one, other) for using in sides.values() for one, other in pairwise(using)]
-    # A side has the sign (-1)^(direction + end) in the boundary: two squares that have their common
-    # edge with the same sign have opposite orientations.
-    same = [(one[1] + one[2] + other[1] + other[2]) % 2 == 0 for one, other in pairs]
-    squares = np.array([(one[0], other[0]) for one, other in pairs], dtype=np.int32)
-    sheet, two_sided = classes(
-        complex_.f_vector[2], squares.reshape(-1, 2), np.array(same, dtype=np.bool_)
-    )
-    ends = [_ends(using[0]) for using in sides.values() if len(using) == 1]
-    boundary = vertex[np.array(ends, dtype=np.int32).reshape(-1, 2)]
-    below = {number: _place(complex_, corner) for corner, number in enumerate(vertex.tolist())}
-    fans = Counter(below.values())
+    circle = _joined(4 * complex_.f_vector[2], glued.boundary)
     return SeparatedSurface(
-        fans=tuple(fans[place] for place in range(complex_.f_vector[0])),
-        components=int(sheet.max(initial=-1)) + 1,
-        euler=len(below) - len(sides) + complex_.f_vector[2],
-        orientable=bool(two_sided.all()),
-        boundary_components=len(np.unique(_joined(len(vertex), boundary)[boundary])),
+        fans=tuple(glued.fans.tolist()),
+        components=len(glued.euler),
+        euler=int(glued.euler.sum()),
+        orientable=bool(glued.orientable.all()),
+        boundary_components=len(np.unique(circle[glued.boundary])),
     )
+
+
+class _Glued(NamedTuple):
+    """The squares of a complex glued along edges alone, as a surface if none is in three squares.
+
+    `sides` holds for each edge how many sides of squares lie on it, and `fans` for each vertex how
+    many vertices of the surface lie over it. `euler` and `orientable` are by component, in the
+    order of their least squares. `boundary` has the two vertices of the surface at each side that
+    lies on an edge alone, shape (any, 2).
+    """
+
+    sides: NDArray[np.int64]
+    fans: NDArray[np.int64]
+    euler: NDArray[np.int64]
+    orientable: NDArray[np.bool_]
+    boundary: Cells
+
+
+_FORWARD = np.array([False, True, True, False])
+"""Whether a side, by direction and end, has the sign 1 in the boundary of its square."""
+
+
+def _glued(complex_: CubicalComplex) -> _Glued:
+    """Glue the squares; side 4 s + 2 d + e is that of square s at end e of direction d."""
+    vertices, edges, count = complex_.f_vector[:3]
+    edge_of = complex_.faces[2].reshape(-1)
+    order = np.argsort(edge_of, kind="stable")
+    met = np.flatnonzero(np.diff(edge_of[order]) == 0)
+    one, other = order[met], order[met + 1]
+    # They fit, by the definition of orientation, if their edge cancels in the sum of the
+    # boundaries; otherwise one must be turned over.
+    turned = _FORWARD[one % 4] == _FORWARD[other % 4]
+    pairs = np.stack([one // 4, other // 4], axis=1).astype(np.int32)
+    sheet, orientable = classes(count, pairs, turned)
+    ends = _ends(np.arange(4 * count))
+    vertex = _joined(4 * count, np.stack([ends[one], ends[other]], axis=2).reshape(-1, 2))
+    _, corner = np.unique(vertex, return_index=True)
+    _, side = np.unique(edge_of, return_index=True)
+    at = (corner // 4, side // 4, np.arange(count))
+    counts = [np.bincount(sheet[squares], minlength=len(orientable)) for squares in at]
+    # The edge that fixes direction 0 runs in direction 1.
+    below = complex_.faces[1][complex_.faces[2][:, 0], 0].reshape(-1)[corner]
+    sides = np.bincount(edge_of, minlength=edges)
+    alone = side[sides[edge_of[side]] == 1]
+    fans = np.bincount(below, minlength=vertices)
+    return _Glued(sides, fans, counts[0] - counts[1] + counts[2], orientable, vertex[ends[alone]])
 
 
 def _joined(count: int, pairs: Cells) -> Cells:
@@ -254,41 +228,12 @@ def _joined(count: int, pairs: Cells) -> Cells:
     return classes(count, pairs, np.zeros(len(pairs), np.bool_))[0]
 
 
-def _place(complex_: CubicalComplex, corner: int) -> int:
-    """Return the vertex of the complex at a corner of a square."""
-    square, number = divmod(corner, 4)
-    edge = complex_.faces[2][square, 0, number >> 1]
-    return int(complex_.faces[1][edge, 0, number & 1])
+def _ends(side: NDArray[np.int64]) -> Cells:
+    """Return the corners at the two ends of each side, shape (sides, 2).
 
-
-def _sides(complex_: CubicalComplex) -> dict[int, list[_Side]]:
-    """Return for each edge the sides of squares that lie on it."""
-    found: dict[int, list[_Side]] = defaultdict(list)
-    for square, faces in enumerate(complex_.faces[2].tolist()):
-        for direction in (0, 1):
-            for end in (0, 1):
-                found[faces[direction][end]].append((square, direction, end))
-    return found
-
-
-def _vertices(complex_: CubicalComplex, sides: dict[int, list[_Side]]) -> Cells:
-    """Return the vertex of each corner of a square, when squares are glued only along edges.
-
-    Corner c of square s has the number 4 * s + c, where bit d of c, counted from the left, is the
-    end of direction d at which it lies.
+    Corner c of square s has the number 4 s + c, where bit d of c, counted from the left, is the end
+    of direction d at which it lies.
     """
-    glued = [
-        pair
-        for using in sides.values()
-        for one, other in pairwise(using)
-        for pair in zip(_ends(one), _ends(other), strict=True)
-    ]
-    pairs = np.array(glued, dtype=np.int32).reshape(-1, 2)
-    return _joined(4 * complex_.f_vector[2], pairs)
-
-
-def _ends(side: _Side) -> tuple[int, int]:
-    """Return the corners at the two ends of a side."""
-    square, direction, fixed = side
-    first = 4 * square + (2 - direction) * fixed
-    return first, first + 1 + direction
+    square, direction, end = side // 4, side // 2 % 2, side % 2
+    first = 4 * square + (2 - direction) * end
+    return np.stack([first, first + 1 + direction], axis=1).astype(np.int32)

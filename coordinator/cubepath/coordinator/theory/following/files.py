@@ -4,13 +4,12 @@ A timetable is checked before it is printed, by code that shares nothing with th
 it.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import IO
 
 from cubepath.coordinator.theory.following.optimum import Refuted, cell_of
 from cubepath.coordinator.theory.following.timetable import FollowingTimetable
 from cubepath.coordinator.theory.proof_checking.following import check_following
+from cubepath.coordinator.theory.satisfiability.solver_process import pieces_of
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of, read_plan
@@ -35,16 +34,6 @@ def read_vehicle_plan(
 
     InputError if the file cannot be read, holds no plan of vehicles on a grid, or holds an illegal
     move.
-
-    >>> from pathlib import Path
-    >>> _ = Path("train.json").write_text(
-    ...     '{"starts": [[0, 0], [1, 0]], "goals": [[1, 0], [2, 0]],'
-    ...     ' "moves": [[[1, 0], [2, 0]], [[0, 0], [1, 0]]], "rounds": [2]}'
-    ... )
-    >>> plan = read_vehicle_plan("train.json")
-    >>> move = plan.moves[0]
-    >>> move.vehicle, move.source, move.target, move.round
-    (1, (1, 0), (2, 0), 1)
     """
     with opened(source) as file:
         path, form = file.path, form_of(file)
@@ -73,21 +62,10 @@ def timetable_file(found: FollowingTimetable, *, timed: bool = False) -> Followi
     """Return a timetable as a file: by rounds, or with `timed` by when each move begins and ends.
 
     Moves are in order of start, and then of the plan.
-
-    >>> from pathlib import Path
-    >>> _ = Path("train.json").write_text(
-    ...     '{"starts": [[0, 0], [1, 0]], "goals": [[1, 0], [2, 0]],'
-    ...     ' "moves": [[[1, 0], [2, 0]], [[0, 0], [1, 0]]], "rounds": [2]}'
-    ... )
-    >>> plan = read_vehicle_plan("train.json")
-    >>> file = timetable_file(following_timetable(plan, "cgshop"))
-    >>> line = file.lines[1]
-    >>> file.head.rounds, line.vehicle, line.round
-    (1, 0, 1)
     """
     plan = found.plan
     lines: list[FollowingLine] = []
-    for place in sorted(found.starts, key=lambda place: (found.starts[place], place)):
+    for place in sorted(found.starts, key=found.starts.__getitem__):  # by place they are already
         move, start, after = plan.moves[place], found.starts[place], found.binding[place]
         lines.append(
             FollowingLine(
@@ -113,29 +91,11 @@ def timetable_file(found: FollowingTimetable, *, timed: bool = False) -> Followi
     return FollowingFile(head, tuple(lines))
 
 
-_CHUNK = 1 << 20
-
-
 def fewest_rounds_proof(refuted: Refuted, timetable: FollowingFile) -> FollowingProof:
     """Return the proof that no timetable has so few rounds as were refuted.
 
     `timetable` is the best that is known, by rounds. The log of the refutation is read when the
     proof is written.
-
-    >>> from contextlib import ExitStack
-    >>> from pathlib import Path
-    >>> _ = Path("cross.json").write_text(
-    ...     '{"starts": [[0, 0], [1, 1]], "goals": [[2, 0], [1, -1]], "rounds": [1, 1, 1, 1],'
-    ...     ' "moves": [[[0, 0], [1, 0]], [[1, 0], [2, 0]], [[1, 1], [1, 0]], [[1, 0], [1, -1]]]}'
-    ... )
-    >>> plan = read_vehicle_plan("cross.json")
-    >>> own = timetable_file(following_timetable(plan, "cgshop"))
-    >>> from cubepath.coordinator.theory.following.optimum import fewest_rounds
-    >>> with ExitStack() as logs:
-    ...     best = fewest_rounds(plan, "cgshop", within=4, seconds=60, logs=logs)
-    ...     checked = check_fewest_rounds(fewest_rounds_proof(best.refuted, own))
-    >>> best.timetable, checked.rounds, checked.optimal
-    (None, 4, True)
     """
     task, clauses = refuted.task, refuted.clauses
     places = task.places
@@ -152,14 +112,7 @@ def fewest_rounds_proof(refuted: Refuted, timetable: FollowingFile) -> Following
         edges=edges,
         refuted=refuted.rounds,
         solver=refuted.why,
-        log=_log(refuted.log),
+        log=pieces_of(refuted.log),
         schedule=schedule,
     )
     return proof if clauses is None else replace(proof, variables=clauses.meanings)
-
-
-def _log(file: IO[bytes] | None) -> Iterator[bytes]:
-    if file is not None:
-        file.seek(0)
-        while chunk := file.read(_CHUNK):
-            yield chunk

@@ -31,13 +31,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, pairwise
-from tempfile import TemporaryFile
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.following.timetable import Rule
+from cubepath.coordinator.theory.satisfiability.encoding import TooLargeError
 from cubepath.coordinator.theory.satisfiability.proving import PROPAGATION, SEARCH
 from cubepath.coordinator.theory.satisfiability.solver_process import (
     LOG_MAX,
@@ -48,8 +48,8 @@ from cubepath.coordinator.theory.satisfiability.solver_process import (
     SolverProblem,
     SolverProcess,
     check_installed,
+    new_log,
 )
-from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.following import FollowingFile, FollowingHead, FollowingLine
 from cubepath.protocol.plans.imported import VehiclePlan
@@ -63,10 +63,6 @@ _PAIRS_MAX = 5
 _FAR = 1 << 30
 AT, GOES, UP_TO = range(3)
 """Kinds of variables: (vehicle, vertex, time), (source, target, time), (vehicle, vertex, time)."""
-
-
-class FollowingTooLargeError(CubepathError):
-    """The clauses would be more than can be built in reasonable time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +148,7 @@ class VehicleClauses:
         self.flat.extend(clause)
         self.cuts.append(len(self.flat))
         if len(self.flat) > LITERALS_MAX:
-            raise FollowingTooLargeError(
+            raise TooLargeError(
                 f"{self.rounds} rounds take more than {LITERALS_MAX} literals of clauses"
             )
 
@@ -177,11 +173,11 @@ class VehicleClauses:
         `true` has the truth of each variable, with shape (variables,).
         """
         found: Schedule = [[] for _ in range(self.rounds)]
-        for who, times in enumerate(self.at):
+        for vehicle, times in enumerate(self.at):
             here = [next(v for v, name in each.items() if true[name - 1]) for each in times]
             for turn, (source, target) in enumerate(pairwise(here)):
                 if source != target:
-                    found[turn].append((who, cell_of(source), cell_of(target)))
+                    found[turn].append((vehicle, cell_of(source), cell_of(target)))
         return found
 
 
@@ -204,13 +200,13 @@ def clauses_of(
     """
     found = VehicleClauses(task, rounds)
     places = task.places
-    for who, (forth, back) in enumerate(task.windows):
+    for vehicle, (forth, back) in enumerate(task.windows):
         go_on()
         cells = [v for v in forth if forth[v] + back.get(v, _FAR) <= rounds]
         found.at.append(
             [
                 {
-                    v: found.new(AT, who, places[v], t)
+                    v: found.new(AT, vehicle, places[v], t)
                     for v in cells
                     if forth[v] <= t and back[v] <= rounds - t
                 }
@@ -233,9 +229,9 @@ def clauses_of(
 def _standing(found: VehicleClauses, t: int) -> dict[Site, dict[int, int]]:
     """Return who can be at each vertex at a time: the variables by vehicle."""
     standing: dict[Site, dict[int, int]] = {}
-    for who, times in enumerate(found.at):
+    for vehicle, times in enumerate(found.at):
         for v, name in times[t].items():
-            standing.setdefault(v, {})[who] = name
+            standing.setdefault(v, {})[vehicle] = name
     return standing
 
 
@@ -267,11 +263,11 @@ def _at_most_one(found: VehicleClauses, names: dict[int, int], v: Site, t: int) 
             found.add(-one, -other)
         return
     before = 0
-    for place, (who, name) in enumerate(names.items()):
+    for place, (vehicle, name) in enumerate(names.items()):
         if before:
             found.add(-before, -name)
         if place + 1 < len(names):
-            some = found.new(UP_TO, who, found.task.places[v], t)
+            some = found.new(UP_TO, vehicle, found.task.places[v], t)
             found.add(-name, some)
             if before:
                 found.add(-before, some)
@@ -285,9 +281,9 @@ def _add_edges(found: VehicleClauses, t: int, standing: dict[Site, dict[int, int
     for source, names in standing.items():
         for target in task.beside[source]:
             movers = {
-                who: (name, there)
-                for who, name in names.items()
-                if (there := found.at[who][t + 1].get(target)) is not None
+                vehicle: (name, there)
+                for vehicle, name in names.items()
+                if (there := found.at[vehicle][t + 1].get(target)) is not None
             }
             # Only where one may go while another is at the target.
             ahead = standing.get(target, {}).keys()
@@ -300,8 +296,8 @@ def _add_edges(found: VehicleClauses, t: int, standing: dict[Site, dict[int, int
         if task.rule == "cgshop":
             (x, y), (to_x, to_y) = cell_of(source), cell_of(target)
             beyond = 2 * to_x - x, 2 * to_y - y
-            for who, name in standing[target].items():
-                on = found.at[who][t + 1].get(beyond)
+            for vehicle, name in standing[target].items():
+                on = found.at[vehicle][t + 1].get(beyond)
                 found.add(-edge, -name, *(() if on is None else (on,)))
         elif (back := goes.get((target, source))) is not None and back > edge:
             found.add(-edge, -back)
@@ -327,7 +323,7 @@ class Refuted:
     log: IO[bytes] | None = None
 
 
-@dataclass(frozen=True)
+@dataclass
 class FewestRounds:
     """What is known of the fewest rounds under a rule, between the ends of a plan.
 
@@ -339,11 +335,11 @@ class FewestRounds:
 
     rounds: int
     lower_bound: int
-    agreed: int | None
-    timetable: FollowingFile | None
-    seconds: float
-    ended: str
     refuted: Refuted | None
+    agreed: int | None = None
+    timetable: FollowingFile | None = None
+    seconds: float = 0.0
+    ended: str = "done"
 
     @property
     def proved_by(self) -> str | None:
@@ -396,69 +392,54 @@ def fewest_rounds(
     (1, 1, True)
     """
     check_installed("--prove")
+    began = time.monotonic()
     task = VehicleTask(plan.starts, plan.ends, plan.edges(), rule)
-    search = _Search(task, within, seed, tick, log_max)
+    least = min(task.least, within)
+    found = FewestRounds(within, least, Refuted(task, least - 1, WAY) if least else None)
+    search = _Search(task, found, seed, tick, log_max)
     with ExitStack() as stack:
-        search.run(seconds, stack if logs is None else logs)
-    found = None if search.best is None else _file(search.best, plan, rule)
-    return FewestRounds(
-        search.within,
-        search.least,
-        search.agreed,
-        found,
-        round(time.monotonic() - search.began, 3),
-        search.ended,
-        search.refuted,
-    )
+        search.run(began + seconds, stack if logs is None else logs)
+    if search.best is not None:
+        found.timetable = _file(search.best, plan, rule)
+    found.seconds = round(time.monotonic() - began, 3)
+    return found
 
 
+@dataclass
 class _Search:
-    """One search, and what is known so far."""
+    """One search, which notes in `found` what it finds."""
 
-    def __init__(
-        self,
-        task: VehicleTask,
-        within: int,
-        seed: int,
-        tick: Callable[[int], object] | None,
-        log_max: int,
-    ) -> None:
-        self.task = task
-        self.within = within
-        self.best: Schedule | None = None
-        self.least = min(task.least, within)
-        self.agreed: int | None = None
-        self.ended = "done"
-        self.began = time.monotonic()
-        self.refuted = Refuted(task, self.least - 1, WAY) if self.least else None
-        self._seed = seed
-        self._tick = tick
-        self._log_max = log_max
+    task: VehicleTask
+    found: FewestRounds
+    seed: int
+    tick: Callable[[int], object] | None
+    log_max: int
+    best: Schedule | None = None
 
-    def run(self, seconds: float, logs: ExitStack) -> None:
+    def run(self, end: float, logs: ExitStack) -> None:
         """Ask for more and more rounds, until there is a timetable or the time is up."""
-        end = self.began + seconds
+        found = self.found
         try:
             with (
-                SolverProcess(SOLVER, log_max=self._log_max) as first,
+                SolverProcess(SOLVER, log_max=self.log_max) as first,
                 SolverProcess(SECOND_SOLVER) as second,
             ):
-                for rounds in range(self.least, self.within):
+                for rounds in range(found.lower_bound, found.rounds):
                     if not self._ask(rounds, (first, second), end, logs):
                         return
-        except (FollowingTooLargeError, SolverError) as error:
-            self.ended = str(error)
+        except (TooLargeError, SolverError) as error:
+            found.ended = str(error)
         except TimeoutError:
-            self.ended = "time"
+            found.ended = "time"
         except KeyboardInterrupt:
-            self.ended = "interrupt"
+            found.ended = "interrupt"
 
     def _ask(
         self, rounds: int, solvers: tuple[SolverProcess, SolverProcess], end: float, logs: ExitStack
     ) -> bool:
         """Return whether this many rounds are too few, by a log or by both solvers."""
-        if self._tick is not None:
-            self._tick(rounds)
+        if self.tick is not None:
+            self.tick(rounds)
 
         def go_on() -> None:
             if time.monotonic() > end:
@@ -466,41 +447,34 @@ class _Search:
 
         clauses = clauses_of(self.task, rounds, go_on)
         first, second = solvers
-        answer = _answered(first, clauses, end, self._seed, _log(logs))
+        answer = _answered(first, clauses, end, self.seed, new_log(logs))
         if answer is not None and answer.satisfiable is False:
             if answer.log is not None:
                 self._note(rounds, clauses, answer.log)
                 return True
-            answer = _answered(second, clauses, end, self._seed, None)
+            answer = _answered(second, clauses, end, self.seed, None)
             if answer is not None and answer.satisfiable:
                 raise SolverError(f"two SAT solvers contradict each other on {rounds} rounds")
         if answer is None:
-            self.ended = "time"
+            self.found.ended = "time"
             return False
         if answer.satisfiable:
-            self.best, self.within = clauses.schedule(answer.true), rounds
+            self.best, self.found.rounds = clauses.schedule(answer.true), rounds
             return False
-        self.agreed = rounds + 1
+        self.found.agreed = rounds + 1
         return True
 
     def _note(self, rounds: int, clauses: VehicleClauses, log: IO[bytes]) -> None:
         """Note that this many rounds are refuted, in a way that can be checked."""
-        if self.refuted is not None and self.refuted.log is not None:
-            self.refuted.log.close()
+        found = self.found
+        if found.refuted is not None and found.refuted.log is not None:
+            found.refuted.log.close()
         size = os.fstat(log.fileno()).st_size
         why = SEARCH if size else PROPAGATION
-        self.refuted = Refuted(self.task, rounds, why, clauses, log if size else None)
-        self.least = rounds + 1
-        if self.agreed is not None and self.agreed <= self.least:
-            self.agreed = None
-
-
-def _log(logs: ExitStack) -> IO[bytes]:
-    """Return a file without a name, which is closed with all others."""
-    try:
-        return logs.enter_context(TemporaryFile())
-    except OSError as error:
-        raise SolverError(f"no file for the log of a SAT solver: {error.strerror}") from None
+        found.refuted = Refuted(self.task, rounds, why, clauses, log if size else None)
+        found.lower_bound = rounds + 1
+        if found.agreed is not None and found.agreed <= found.lower_bound:
+            found.agreed = None
 
 
 def _answered(
@@ -520,9 +494,9 @@ def _answered(
 
 def _file(schedule: Schedule, plan: VehiclePlan, rule: Rule) -> FollowingFile:
     lines = [
-        FollowingLine(who, source, target, round=number)
+        FollowingLine(vehicle, source, target, round=number)
         for number, moves in enumerate(schedule, 1)
-        for who, source, target in moves
+        for vehicle, source, target in moves
     ]
     rounds = max((line.round or 0 for line in lines), default=0)
     head = FollowingHead(rule, vehicles=len(plan.starts), moves=len(lines), rounds=rounds)

@@ -24,6 +24,7 @@ that move at a constant pace the rule of CG:SHOP is what their bodies allow.
 """
 
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -35,7 +36,7 @@ from typing import Final, Literal, TypeAlias
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_text
-from cubepath.protocol.path_files.durations import Durations, time_text
+from cubepath.protocol.path_files.durations import Durations, Time, time_text
 from cubepath.protocol.plans.imported import VehicleMove, VehiclePlan
 
 Rule: TypeAlias = Literal["mapf", "cgshop"]
@@ -77,7 +78,8 @@ class FollowingTimetable:
     """When each move that is left of a plan begins, under a rule; all places are from 0.
 
     `cancelled` are the places of moves that undo each other, each pair as (earlier, later), in
-    order of the later. `steps` are what is left, in the order of the plan. `starts`, `durations`
+    order of the later. `rotates` says whether vehicles rotate in the plan, which then has no order
+    of moves one by one. `steps` are the rest, in the order of the plan. `starts`, `durations`
     and `binding` are by place: `binding` is the place of a move because of which this one begins
     no earlier, None where it begins at 0. Cancelled moves are in none of the three. `seconds` is
     how long this took.
@@ -87,20 +89,17 @@ class FollowingTimetable:
     rule: Rule
     cancelled: Pairs
     steps: tuple[TimetableStep, ...]
-    starts: dict[int, Fraction]
-    durations: dict[int, Fraction]
+    starts: dict[int, Time]
+    durations: dict[int, Time]
     binding: dict[int, int | None]
+    rotates: bool
     seconds: float
 
     @cached_property
     def makespan(self) -> Fraction:
         """When the last move ends."""
-        return max((start + self.durations[k] for k, start in self.starts.items()), default=_ZERO)
-
-    @property
-    def rotates(self) -> bool:
-        """Whether vehicles rotate in the plan, which then has no order of moves one by one."""
-        return any(len(step) > 1 for step in steps_of(self.plan))
+        ends = (start + self.durations[k] for k, start in self.starts.items())
+        return Fraction(max(ends, default=0))
 
     @property
     def rotations(self) -> int:
@@ -123,9 +122,6 @@ class FollowingTimetable:
         return tuple(reversed(found))
 
 
-_ZERO = Fraction(0)
-
-
 def following_timetable(
     plan: VehiclePlan, rule: Rule, durations: Durations | None = None
 ) -> FollowingTimetable:
@@ -133,16 +129,6 @@ def following_timetable(
 
     InputError if vehicles rotate where the rule has no rotations, or take unequal times for it, and
     if a duration is given that no move has.
-
-    >>> from pathlib import Path
-    >>> _ = Path("train.json").write_text(
-    ...     '{"starts": [[0, 0], [1, 0]], "goals": [[1, 0], [2, 0]],'
-    ...     ' "moves": [[[1, 0], [2, 0]], [[0, 0], [1, 0]]], "rounds": [2]}'
-    ... )
-    >>> plan = read_vehicle_plan("train.json")
-    >>> found = following_timetable(plan, "mapf")
-    >>> found.makespan, found.chain
-    (Fraction(1, 1), (0,))
     """
     began = time.perf_counter()
     moves = plan.moves
@@ -155,7 +141,7 @@ def following_timetable(
             )
     cancelled, left = _reduced(plan, steps)
     taken = _durations(plan, durations)
-    unit = lcm(*(each.denominator for each in taken))
+    unit = lcm(*{each.denominator for each in taken})
     times = [each.numerator * (unit // each.denominator) for each in taken]
     for step in left:
         if len({times[place] for place in step}) > 1:
@@ -169,9 +155,10 @@ def following_timetable(
         rule,
         cancelled,
         tuple(left),
-        {place: Fraction(start, unit) for place, start in starts.items()},
+        {**starts} if unit == 1 else {k: Fraction(start, unit) for k, start in starts.items()},
         {place: taken[place] for place in starts},
         binding,
+        len(steps) < len(moves),
         round(time.perf_counter() - began, 3),
     )
 
@@ -180,6 +167,8 @@ def steps_of(plan: VehiclePlan) -> list[TimetableStep]:
     """Return the steps of a plan in its order: rotations, and all other moves one by one."""
     found: list[TimetableStep] = []
     moves = plan.moves
+    if all(move.round is None for move in moves):
+        return [(place,) for place in range(len(moves))]
     place = 0
     while place < len(moves):
         end = place + 1
@@ -212,11 +201,11 @@ def _reduced(
     pairs: list[tuple[int, int]] = []
     gone: set[int] = set()
     # For each vertex the steps that visit it and are left so far, the last of them on top.
-    visits: dict[Cell, list[int]] = {}
+    visits: defaultdict[Cell, list[int]] = defaultdict(list)
     for number, step in enumerate(steps):
-        ends = [visits.setdefault(moves[place].source, []) for place in step]
+        ends = [visits[moves[place].source] for place in step]
         if len(step) == 1:
-            ends.append(visits.setdefault(moves[step[0]].target, []))
+            ends.append(visits[moves[step[0]].target])
         before = {end[-1] if end else -1 for end in ends}
         last = before.pop()
         undone = None if before or last < 0 else _undone(moves, steps[last], step)
@@ -250,9 +239,9 @@ def _undone(
     return found if len(found) == len(earlier) else None
 
 
-def _durations(plan: VehiclePlan, durations: Durations | None) -> list[Fraction]:
+def _durations(plan: VehiclePlan, durations: Durations | None) -> list[Time]:
     if durations is None:
-        return [Fraction(1)] * len(plan.moves)
+        return [1] * len(plan.moves)
     names = {
         ends: GeneratorPlacement("edge", ends)
         for ends in (tuple(sorted((move.source, move.target))) for move in plan.moves)
@@ -303,10 +292,10 @@ def _bind_rotation(step: TimetableStep, bound: int, binding: dict[int, int | Non
 def _rotation(plan: VehiclePlan, step: TimetableStep) -> str:
     """Return the beginning of an error on a rotation: the file, the round, who and where."""
     moves = [plan.moves[place] for place in step]
-    who = [str(move.vehicle) for move in moves]
+    vehicles = [str(move.vehicle) for move in moves]
     return (
-        f"{plan.path}: round {moves[0].round}: {plan.called}s {', '.join(who[:-1])} and {who[-1]}"
-        f" rotate at {list(moves[0].source)}"
+        f"{plan.path}: round {moves[0].round}: {plan.called}s {', '.join(vehicles[:-1])}"
+        f" and {vehicles[-1]} rotate at {list(moves[0].source)}"
     )
 
 

@@ -19,7 +19,7 @@ from cubepath.coordinator.theory.satisfiability.met_moves import MetMoves, windo
 from cubepath.coordinator.theory.satisfiability.proving import WINDOWS, Prover
 from cubepath.coordinator.theory.search.anytime import CubePath, Improvement, improve, prepare_all
 from cubepath.coordinator.theory.search.budget import Budget, SearchStage, SpentError
-from cubepath.coordinator.theory.search.exact import Optimum, optimum, too_wide
+from cubepath.coordinator.theory.search.exact import optimum
 from cubepath.coordinator.theory.search.lower_bounds import lower_bound
 from cubepath.coordinator.theory.search.own_ends import OwnEnds
 from cubepath.coordinator.theory.search.sat_windows import STAGE
@@ -45,7 +45,7 @@ _BOUND_STEPS = 20_000_000
 _WINDOW_STEPS = 1_000_000
 """Without a time limit, the windows may look at this many sites and moves."""
 _LISTED_MAX = 20_000
-"""Clauses are made of this many listed moves at most: where they are more, they are not built."""
+"""Clauses, and the exhaustive search, take this many listed moves at most: more are not built."""
 _SETS_A_STATE = 40
 """Without a time limit, the exhaustive search may look at this many sets of moves per state."""
 
@@ -107,9 +107,7 @@ class OptimalityStages:
 
     @cached_property
     def _steps(self) -> Transitions:
-        if self._system is not None:
-            return Transitions(self._system)
-        return Transitions(None, self._task.path if self._found is None else self._found.path)
+        return Transitions(self._system, () if self._system is not None else self._listed())
 
     @cached_property
     def _normal(self) -> CubePath:
@@ -169,6 +167,11 @@ class OptimalityStages:
 
         if self._system is not None and self.cubes and self._small:
             self._stage("classes", job)
+            if self.only is not None:
+                self.stages[-1].ended = "done"  # the complex is small, and asks no budget
+            # What it took past its share, it took to compile.
+            over = self.stages[-1].seconds - _SHARES["classes"] * (self._seconds or 0.0)
+            self._extend(max(0.0, over))
         if self.only:
             self.bound = Bound(self.cubes, "the only class")
 
@@ -231,12 +234,9 @@ class OptimalityStages:
         most = self.cubes - 1
 
         def job(stage: SearchStage, budget: Budget) -> None:
-            if self._is_wide():
-                exact = Optimum(1, None, 2)
-            else:
-                self._steps.budget = budget
-                ends = self._steps.encode(self._start), self._steps.encode(self._goal)
-                exact = optimum(self._steps, *ends, max_states=self._max_states, most=most)
+            self._steps.budget = budget
+            ends = self._steps.encode(self._start), self._steps.encode(self._goal)
+            exact = optimum(self._steps, *ends, max_states=self._max_states, most=most)
             stage.steps = exact.states
             # Stopped neither by the budget nor because all shorter paths are excluded.
             if exact.cubes is None and exact.at_least <= most and not budget.spent:
@@ -249,19 +249,9 @@ class OptimalityStages:
                     actions, cubes = self._steps.actions, exact.cubes
                     self.better = self._plain([[actions[each] for each in cube] for cube in cubes])
 
-        if self._small and not self._stopped and self.bound.cubes <= most:
+        few = self._system is not None or self._listed_count <= _LISTED_MAX
+        if self._small and few and not self._stopped and self.bound.cubes <= most:
             self._stage("optimum", job, _SETS_A_STATE * self._max_states)
-
-    def _is_wide(self) -> bool:
-        """Return whether the exhaustive search would not begin, as far as arrays show it.
-
-        Then the moves that occur, which may be many, need not be listed.
-        """
-        found = self._found
-        if self._system is not None or found is None or self._start == self._goal:
-            return False
-        first = found.path.numbers[found.left.moves[: int(found.left.starts[1])]]
-        return too_wide(first, found.path.supports, self._max_states)
 
     def improve(
         self, *, iterations: int | None, seed: int, watch: Callable[[Improvement], object] | None

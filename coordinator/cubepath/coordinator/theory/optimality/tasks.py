@@ -1,9 +1,8 @@
 """The task that a path solves, and the proof that no schedule for it is shorter, as a file."""
 
-from collections.abc import Iterator, Sequence, Set as AbstractSet
+from collections.abc import Sequence, Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import IO
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.coordinator.theory.satisfiability.encoding import OFF, ON
 from cubepath.coordinator.theory.satisfiability.proving import Refutation
+from cubepath.coordinator.theory.satisfiability.solver_process import pieces_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
@@ -95,7 +95,6 @@ def placement_of(system: System, action: Action) -> GeneratorPlacement | None:
 
 
 CubePath = Sequence[Sequence[Action]]
-_CHUNK = 1 << 20
 
 
 def proof_of(
@@ -139,7 +138,6 @@ def proof_of(
         refuted=refuted.rounds,
         cubes=len(schedule),
         solver=refuted.why,
-        standing="proved",
         moves=actions if text is None else named,
         sites=() if problem.impossible else met.sites,
         variables=variables,
@@ -148,7 +146,7 @@ def proof_of(
             Group("exactly one" if group.exactly else "at most one", group.sites)
             for group in problem.groups
         ],
-        log=_log(refuted.log),
+        log=pieces_of(refuted.log),
         schedule=[[number[action] for action in cube] for cube in schedule],
     )
 
@@ -162,10 +160,3 @@ def _ladders(refuted: Refutation) -> list[Ladder]:
         found.append(Ladder(site, turn, name, members[begin : begin + count]))
         begin += count
     return found
-
-
-def _log(file: IO[bytes] | None) -> Iterator[bytes]:
-    if file is not None:
-        file.seek(0)
-        while chunk := file.read(_CHUNK):
-            yield chunk

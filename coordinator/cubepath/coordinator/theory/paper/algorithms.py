@@ -34,53 +34,19 @@ possible, and counted from the other end as late as possible in the same number 
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.actions import Action, commute
-from cubepath.protocol.core.sites import Site
 
 
-@dataclass(frozen=True, slots=True)
-class MoveWindow:
-    """The earliest and the latest cube, from 1, in which a move may lie in a shortest schedule."""
+def latest_cubes(cubes: Iterable[Iterable[Action]]) -> tuple[tuple[Action, ...], ...]:
+    """Return the moves of a normal cube path in as many cubes, each move as late as possible.
 
-    action: Action
-    earliest: int
-    latest: int
-
-
-def envelope(cubes: Sequence[Sequence[Action]]) -> tuple[MoveWindow, ...]:
-    """Return the windows of all moves of a normal cube path, in its order.
-
-    One pass forwards and one back, each move at the cost of its support.
+    It is the normal cube path of the way back, read backwards.
     """
     moves = [action for cube in cubes for action in cube]
-    earliest = _levels(moves)
-    latest = _levels(moves[::-1])[::-1]
-    length = len(cubes)
-    return tuple(
-        MoveWindow(action, first, length + 1 - last)
-        for action, first, last in zip(moves, earliest, latest, strict=True)
-    )
-
-
-def _levels(moves: Sequence[Action]) -> list[int]:
-    """Return for each move the length of the longest chain of moves that ends with it."""
-    written: dict[Site, int] = {}
-    touched: dict[Site, int] = {}
-    found = []
-    for action in moves:
-        level = 1 + max(
-            max((touched.get(site, 0) for site in action.trace), default=0),
-            max((written.get(site, 0) for site in action.support), default=0),
-        )
-        for site in action.support:
-            touched[site] = max(level, touched.get(site, 0))
-        for site in action.trace:
-            written[site] = level
-        found.append(level)
-    return found
+    return normal_cube_path(reversed(moves))[::-1]
 
 
 Cube: TypeAlias = list[Action]

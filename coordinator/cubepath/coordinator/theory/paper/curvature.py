@@ -210,52 +210,12 @@ def dented_disc() -> CubicalComplex:
     Three squares at vertex 1 lie along the path, and three behind them close up such that 0 and 2
     are opposite corners of a seventh square.
     """
-    return complex_of_squares(
-        [
-            (0, 1, 3, 5),
-            (1, 3, 6, 4),
-            (1, 4, 7, 2),
-            (0, 5, 3, 8),
-            (3, 6, 4, 8),
-            (4, 7, 2, 8),
-            (0, 9, 2, 8),
-        ]
-    )
-
-
-def complex_of_squares(cycles: list[tuple[int, int, int, int]]) -> CubicalComplex:
-    """Return squares, given by their corners in cyclic order, glued along common edges."""
-    sides = sorted({tuple(sorted(pair)) for cycle in cycles for pair in _sides(cycle)})
-    number = {side: place for place, side in enumerate(sides)}
-    # Opposite sides of a square have the same orientation: orient the sides class by class.
-    runs: dict[tuple[int, ...], bool] = {}
-    for root in sides:
-        stack = [root] if root not in runs else []
-        runs.setdefault(root, True)
-        while stack:
-            side = stack.pop()
-            for cycle in cycles:
-                for a, b, c, d in (cycle, (*cycle[1:], cycle[0])):
-                    for one, other in (((a, b), (d, c)), ((d, c), (a, b))):
-                        here, there = tuple(sorted(one)), tuple(sorted(other))
-                        if here == side and there not in runs:
-                            runs[there] = runs[side] == ((one == here) == (other == there))
-                            stack.append(there)
-    edges = [[[low, high]] if runs[low, high] else [[high, low]] for low, high in sides]
-    squares = []
-    for a, b, c, d in cycles:
-        across = number[tuple(sorted((a, b)))], number[tuple(sorted((d, c)))]
-        along = number[tuple(sorted((a, d)))], number[tuple(sorted((b, c)))]
-        # The sides ad and bc, at the ends of ab, fix direction 0, which runs along ab.
-        first = list(along if edges[across[0]][0][0] == a else along[::-1])
-        second = list(across if edges[along[0]][0][0] == a else across[::-1])
-        squares.append([first, second])
-    vertices = 1 + max(max(cycle) for cycle in cycles)
-    return complex_from_faces([vertices, edges, squares])
-
-
-def _sides(cycle: tuple[int, int, int, int]) -> list[tuple[int, int]]:
-    return list(zip(cycle, (*cycle[1:], cycle[0]), strict=True))
+    edges = [[0, 1], [0, 5], [0, 8], [0, 9], [1, 2], [1, 3], [1, 4], [2, 7], [8, 2], [9, 2]]
+    edges += [[5, 3], [3, 6], [8, 3], [4, 6], [4, 7], [8, 4]]
+    # Round vertex 1, behind these three, and the seventh.
+    squares = [[[1, 5], [0, 10]], [[6, 11], [5, 13]], [[4, 14], [6, 7]]]
+    squares += [[[2, 10], [1, 12]], [[12, 13], [15, 11]], [[15, 7], [8, 14]], [[2, 9], [3, 8]]]
+    return complex_from_faces([10, [[edge] for edge in edges], squares])
 
 
 @claim(

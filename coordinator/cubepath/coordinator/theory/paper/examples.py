@@ -5,22 +5,23 @@ result. The others are in `topology`, `curvature` and `geodesics_and_time`; `cla
 them, in the order of the paper.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
 from typing import Any
 
+import msgspec
+
 from cubepath.coordinator.theory.complexes.exploration import Exploration, explore
 from cubepath.coordinator.theory.complexes.links import actions_at
 from cubepath.coordinator.theory.complexes.state_complexes import f_vector
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
-from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Catalogue
+from cubepath.protocol.core.catalogue import HEXAGONS, SQUARES, Catalogue
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.graph import COMPASS
 from cubepath.protocol.systems.lattice import LatticeSystem
 
 Outcome = tuple[str, bool | None]
@@ -92,7 +93,7 @@ SYSTEMS = (
     "words",
     "assembly",
 )
-"""A small scene of every local system."""
+"""A small scene of every local system in the plane; those in space go on without end."""
 
 
 @cache
@@ -121,7 +122,7 @@ def _undone() -> Outcome:
 
 def _topology(cells: frozenset[Site]) -> int:
     """Return the numbers of pieces of a set of hexagons and of its outside, as one number."""
-    pieces = _pieces(cells, HEX_DIRECTIONS)
+    pieces = HEXAGONS.pieces(cells)
     qs = [cell[0] for cell in cells if isinstance(cell, tuple)]
     rs = [cell[1] for cell in cells if isinstance(cell, tuple)]
     outside = frozenset(
@@ -130,26 +131,7 @@ def _topology(cells: frozenset[Site]) -> int:
         for r in range(min(rs) - 1, max(rs) + 2)
         if (q, r) not in cells
     )
-    return 1000 * pieces + _pieces(outside, HEX_DIRECTIONS)
-
-
-def _pieces(cells: frozenset[Site], directions: Sequence[tuple[int, int]]) -> int:
-    """Return the number of connected pieces of cells with neighbours in these directions."""
-    left = set(cells)
-    count = 0
-    while left:
-        count += 1
-        stack = [left.pop()]
-        while stack:
-            cell = stack.pop()
-            if not isinstance(cell, tuple):
-                continue
-            for dq, dr in directions:
-                near = (cell[0] + dq, cell[1] + dr)
-                if near in left:
-                    left.remove(near)
-                    stack.append(near)
-    return count
+    return 1000 * pieces + HEXAGONS.pieces(outside)
 
 
 @claim(
@@ -183,13 +165,11 @@ def _slides_keep_connected() -> Outcome:
         scene = scene_from_spec(spec)
         explored = explore(scene)
         for number in range(len(explored.states)):
-            if _pieces(explored.state(number), COMPASS) != 1:
+            if SQUARES.pieces(explored.state(number)) != 1:
                 return f"{spec}: state {number} is in pieces", False
         states += len(explored.states)
         free = explore(_unguarded(scene), max_states=500)
-        broken += any(
-            _pieces(free.state(number), COMPASS) != 1 for number in range(len(free.states))
-        )
+        broken += any(SQUARES.pieces(free.state(number)) != 1 for number in range(len(free.states)))
     return (
         (
             f"{states} states of three scenes, all connected; without the condition"
@@ -205,7 +185,7 @@ def _unguarded(scene: Scene) -> Scene:
     if catalogue is None:
         raise InputError(f"{scene.spec}: no lattice")
     generators = tuple(
-        replace(
+        msgspec.structs.replace(
             generator,
             support=tuple(cell for cell in generator.support if cell not in generator.free),
             free=(),

@@ -1,7 +1,6 @@
 """The paper's examples of state complexes, its section on topology, and the shape complex."""
 
 from collections import Counter
-from collections.abc import Iterator
 from itertools import combinations, pairwise
 from typing import TypeVar
 
@@ -12,15 +11,15 @@ from cubepath.coordinator.theory.complexes.collapses import collapse, contractib
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.homology_groups import homology
-from cubepath.coordinator.theory.complexes.links import actions_at, check_links
+from cubepath.coordinator.theory.complexes.links import check_links
 from cubepath.coordinator.theory.complexes.state_complexes import state_complex
 from cubepath.coordinator.theory.complexes.surfaces import pulled_apart, surface
 from cubepath.coordinator.theory.paper.examples import Outcome, PaperClaim, claim
-from cubepath.protocol.core.actions import Action, apply, commute, end_at
+from cubepath.protocol.core.actions import apply, end_at
 from cubepath.protocol.core.catalogue import HEXAGONS
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -271,35 +270,23 @@ def _link_below(
     number = {
         cube: (k, place) for k, cubes in enumerate(shapes.cubes) for place, cube in enumerate(cubes)
     }
-    steps = {action: step for step, action in shape_complexes.steps_at(system, state).items()}
+    actions = shape_complexes.steps_at(system, state)
     found = []
-    for chosen in _commuting_sets(actions_at(scene, state)):
+    for chosen in shape_complexes.commuting_steps(actions):
         low = state
-        for action in chosen:
-            low = low if end_at(action, low) == 0 else apply(action, low)
+        for step in chosen:
+            low = low if end_at(actions[step], low) == 0 else apply(actions[step], low)
         base, by = shape_complexes.normal_place(lattice, low)
         moved = sorted(
             (
-                (shape_complexes.shifted(lattice, steps[action], by), end_at(action, state) or 0)
-                for action in chosen
+                (shape_complexes.shifted(lattice, step, by), end_at(actions[step], state) or 0)
+                for step in chosen
             ),
             key=lambda moved: shape_complexes.order_of(moved[0]),
         )
         cube = number[shapes.shapes.index(base), tuple(step for step, _ in moved)]
         found.append((*cube, sum(end << j for j, (_, end) in enumerate(moved))))
     return found, shapes.shapes.index(shape_complexes.normal_place(lattice, state)[0])
-
-
-def _commuting_sets(actions: list[Action]) -> Iterator[tuple[Action, ...]]:
-    for size in range(1, len(actions) + 1):
-        sets = [
-            chosen
-            for chosen in combinations(actions, size)
-            if all(commute(one, other) for one, other in combinations(chosen, 2))
-        ]
-        if not sets:
-            return
-        yield from sets
 
 
 def _corners_at(complex_: CubicalComplex) -> list[list[Corner]]:
@@ -321,7 +308,7 @@ def _corners_at(complex_: CubicalComplex) -> list[list[Corner]]:
 )
 def _macros() -> Outcome:
     system = LatticeSystem(
-        hex_catalogue(keeps_topology=True),
+        page_catalogue("hexagons-1"),
         workspace=[(q, r) for q in range(-12, 13) for r in range(-12, 13)],
         filled=[(5, 5), (-6, 0)],
     )

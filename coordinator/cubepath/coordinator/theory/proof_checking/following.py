@@ -13,6 +13,7 @@ one leaves it and the other enters it, who neither begins nor ends earlier; unde
 CG:SHOP 2021 only in the same direction. No two are on one edge at one time in opposite directions.
 """
 
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import chain, pairwise
@@ -33,11 +34,11 @@ def why_illegal(timetable: FollowingFile, plan: VehiclePlan) -> str | None:
     rule = timetable.head.rule
     if timetable.head.rounds is not None:
         return why_not_in_rounds(timetable.lines, plan.starts, rule)
-    ways: dict[int, list[FollowingLine]] = {who: [] for who in range(len(plan.starts))}
+    ways: dict[int, list[FollowingLine]] = {vehicle: [] for vehicle in range(len(plan.starts))}
     for line in sorted(timetable.lines, key=lambda line: line.times):
         ways[line.vehicle].append(line)
-    for who, way in ways.items():
-        why = _why_no_way(who, plan.starts[who], way)
+    for vehicle, way in ways.items():
+        why = _why_no_way(vehicle, plan.starts[vehicle], way)
         if why is not None:
             return why
     return _why_vertex_shared(ways, plan.starts, rule) or _why_edge_shared(timetable.lines)
@@ -52,14 +53,14 @@ def why_not_in_rounds(
         rounds.setdefault(line.round or 0, []).append(line)
     at = list(starts)
     for number, moving in sorted(rounds.items()):
-        standing = {cell: who for who, cell in enumerate(at)}
+        standing = {cell: vehicle for vehicle, cell in enumerate(at)}
         goes = {line.vehicle: line for line in moving}
         if len(goes) < len(moving):
             return f"round {number}: a vehicle moves twice"
         for line in moving:
             why = _why_not(line, at, standing, goes, rule)
             if why is not None:
-                return f"round {number}: {_told(line)}: {why}"
+                return f"round {number}: {_line_text(line)}: {why}"
         for line in moving:
             at[line.vehicle] = line.target
         if len(set(at)) < len(at):
@@ -89,16 +90,16 @@ def _why_not(
     return None
 
 
-def _why_no_way(who: int, start: Cell, way: list[FollowingLine]) -> str | None:
+def _why_no_way(vehicle: int, start: Cell, way: list[FollowingLine]) -> str | None:
     """Return why the moves of a vehicle, in order of time, are no way from its start."""
     here = start
     for line in way:
         if line.source != here:
-            return f"{_told(line)}: it is at {site_text(here)}"
+            return f"{_line_text(line)}: it is at {site_text(here)}"
         here = line.target
     for one, other in pairwise(way):
         if other.times[0] < one.times[1]:
-            return f"vehicle {who} begins a move at {_at(other)} before its last has ended"
+            return f"vehicle {vehicle} begins a move at {_at(other)} before its last has ended"
     return None
 
 
@@ -107,27 +108,27 @@ def _why_vertex_shared(
 ) -> str | None:
     """Return where two vehicles hold one vertex without following."""
     stays: dict[Cell, list[tuple[FollowingLine | None, FollowingLine | None, int]]] = {}
-    for who, start in enumerate(starts):
-        moves = (None, *ways[who], None)
+    for vehicle, start in enumerate(starts):
+        moves = (None, *ways[vehicle], None)
         for arrives, leaves in pairwise(moves):
             cell = start if arrives is None else arrives.target
-            stays.setdefault(cell, []).append((arrives, leaves, who))
+            stays.setdefault(cell, []).append((arrives, leaves, vehicle))
     for cell, here in stays.items():
         here.sort(key=lambda stay: (stay[0] is not None, stay[0].times if stay[0] else ()))
         for (_, leaves, first), (arrives, _, second) in pairwise(here):
             if arrives is None:
                 return f"vehicles {first} and {second} both start at {site_text(cell)}"
             if leaves is None:
-                return f"{_told(arrives)}, at {_at(arrives)}: vehicle {first} stays there"
+                return f"{_line_text(arrives)}, at {_at(arrives)}: vehicle {first} stays there"
             (begin, end), (next_begin, next_end) = leaves.times, arrives.times
             if end <= next_begin:
                 continue
             if next_begin < begin or next_end < end:
-                return f"{_told(arrives)}, at {_at(arrives)}: vehicle {first} has not left it"
+                return f"{_line_text(arrives)}, at {_at(arrives)}: vehicle {first} has not left it"
             if rule == "cgshop" and _direction(leaves) != _direction(arrives):
                 return (
-                    f"{_told(arrives)}, at {_at(arrives)}: vehicle {first} leaves it in another"
-                    " direction"
+                    f"{_line_text(arrives)}, at {_at(arrives)}: vehicle {first} leaves it in"
+                    " another direction"
                 )
     return None
 
@@ -140,7 +141,9 @@ def _why_edge_shared(lines: Iterable[FollowingLine]) -> str | None:
         along.sort(key=lambda line: line.times)
         for one, other in pairwise(along):
             if other.times[0] < one.times[1]:
-                return f"{_told(other)}, at {_at(other)}: vehicle {one.vehicle} is on that edge"
+                return (
+                    f"{_line_text(other)}, at {_at(other)}: vehicle {one.vehicle} is on that edge"
+                )
     return None
 
 
@@ -148,7 +151,7 @@ def _direction(line: FollowingLine) -> Cell:
     return line.target[0] - line.source[0], line.target[1] - line.source[1]
 
 
-def _told(line: FollowingLine) -> str:
+def _line_text(line: FollowingLine) -> str:
     return f"vehicle {line.vehicle}, {site_text(line.source)} to {site_text(line.target)}"
 
 
@@ -178,16 +181,6 @@ def check_following(timetable: FollowingFile, plan: VehiclePlan) -> dict[str, st
 
     A timetable of other moves than those of the input is checked for `form`, `rule`, `end` and
     `makespan` alone: nothing proves it the least.
-
-    >>> from pathlib import Path
-    >>> _ = Path("train.json").write_text(
-    ...     '{"starts": [[0, 0], [1, 0]], "goals": [[1, 0], [2, 0]],'
-    ...     ' "moves": [[[1, 0], [2, 0]], [[0, 0], [1, 0]]], "rounds": [2]}'
-    ... )
-    >>> plan = read_vehicle_plan("train.json")
-    >>> found = check_following(timetable_file(following_timetable(plan, "mapf")), plan)
-    >>> any(found.values())
-    False
     """
     head = timetable.head
     if head.vehicles != len(plan.starts):
@@ -254,6 +247,8 @@ def _other_move(line: FollowingLine, plan: VehiclePlan, met: set[int]) -> str | 
 
 
 def _equal_times(timetable: FollowingFile) -> str | None:
+    if all(line.round is not None for line in timetable.lines):
+        return None
     known: dict[frozenset[Cell], FollowingLine] = {}
     for number, line in enumerate(timetable.lines, 2):
         first = known.setdefault(frozenset((line.source, line.target)), line)
@@ -275,10 +270,11 @@ def _end(timetable: FollowingFile, plan: VehiclePlan) -> str | None:
     at = list(plan.starts)
     for line in sorted(timetable.lines, key=lambda line: line.times):
         at[line.vehicle] = line.target
-    for who, (found, expected) in enumerate(zip(at, plan.ends, strict=True)):
+    for vehicle, (found, expected) in enumerate(zip(at, plan.ends, strict=True)):
         if found != expected:
             return (
-                f"vehicle {who} ends at {site_text(found)}, in the input at {site_text(expected)}"
+                f"vehicle {vehicle} ends at {site_text(found)},"
+                f" in the input at {site_text(expected)}"
             )
     return None
 
@@ -286,60 +282,88 @@ def _end(timetable: FollowingFile, plan: VehiclePlan) -> str | None:
 def _makespan(timetable: FollowingFile) -> str | None:
     head = timetable.head
     last = max((line.times[1] for line in timetable.lines), default=None)
-    told = head.rounds if head.makespan is None else time_from(head.makespan)
-    if told != (last or 0):
-        return f"the last move ends at {time_text(last) if last else 0}, the first line says {told}"
+    stated = head.rounds if head.makespan is None else time_from(head.makespan)
+    if stated != (last or 0):
+        return (
+            f"the last move ends at {time_text(last) if last else 0}, the first line says {stated}"
+        )
     return None
 
 
 @dataclass
 class _Visits:
-    """The steps of an input: moves at one time, by their numbers, and at each vertex in order."""
+    """The steps of an input at each vertex, in order: moves alone, or those that rotate together.
+
+    A step has the number of its first move.
+    """
 
     plan: VehiclePlan
-    step_of: dict[int, tuple[int, ...]] = field(default_factory=dict[int, tuple[int, ...]])
-    at: dict[Cell, list[tuple[int, ...]]] = field(default_factory=dict[Cell, list[tuple[int, ...]]])
+    rotations: dict[int, tuple[int, ...]] = field(default_factory=dict[int, tuple[int, ...]])
+    rotation_of: dict[int, int] = field(default_factory=dict[int, int])
+    at: defaultdict[Cell, list[int]] = field(default_factory=lambda: defaultdict(list))
 
     def __post_init__(self) -> None:
-        for step in _steps(self.plan):
-            self.step_of.update(dict.fromkeys(step, step))
-            for cell in self.cells(step):
-                self.at.setdefault(cell, []).append(step)
+        at, moves = self.at, self.plan.moves
+        for numbers in _steps(self.plan):
+            step = numbers[0]
+            if len(numbers) > 1:
+                self.rotations[step] = numbers
+                self.rotation_of.update(dict.fromkeys(numbers, step))
+            else:
+                at[moves[step - 1].target].append(step)
+            for number in numbers:
+                at[moves[number - 1].source].append(step)
 
-    def cells(self, step: tuple[int, ...]) -> list[Cell]:
-        moves = [self.plan.moves[move - 1] for move in step]
-        return list(dict.fromkeys(cell for move in moves for cell in (move.source, move.target)))
+    def step_of(self, move: int) -> int:
+        return self.rotation_of.get(move, move)
 
-    def undo(self, one: tuple[int, ...], other: tuple[int, ...]) -> bool:
+    def moves_of(self, step: int) -> tuple[int, ...]:
+        return self.rotations.get(step) or (step,)
+
+    def cells(self, step: int) -> list[Cell]:
+        if step in self.rotations:  # each vertex is left by one move, and entered by another
+            return [self.plan.moves[move - 1].source for move in self.rotations[step]]
+        move = self.plan.moves[step - 1]
+        return [move.source, move.target]
+
+    def undo(self, one: int, other: int) -> bool:
         """Return whether every move of a step is taken back by one of the other."""
+        moves = self.plan.moves
+        if one not in self.rotations and other not in self.rotations:
+            there, back = moves[one - 1], moves[other - 1]
+            return (there.vehicle, there.source, there.target) == (
+                back.vehicle,
+                back.target,
+                back.source,
+            )
+        forth = [moves[move - 1] for move in self.moves_of(one)]
+        back_again = [moves[move - 1] for move in self.moves_of(other)]
+        return {(move.vehicle, move.target, move.source) for move in forth} == {
+            (move.vehicle, move.source, move.target) for move in back_again
+        }
 
-        def told(step: tuple[int, ...], *, back: bool) -> set[tuple[int, Cell, Cell]]:
-            moves = [self.plan.moves[number - 1] for number in step]
-            if back:
-                return {(move.vehicle, move.target, move.source) for move in moves}
-            return {(move.vehicle, move.source, move.target) for move in moves}
-
-        return told(one, back=True) == told(other, back=False)
-
-    def adjacent(self, one: tuple[int, ...], other: tuple[int, ...]) -> Cell | None:
+    def adjacent(self, one: int, other: int) -> Cell | None:
         """Return a vertex at which another step comes between two steps, None if nowhere."""
         for cell in self.cells(one):
             here = self.at[cell]
-            place = here.index(one)
-            if here[place + 1 : place + 2] != [other]:
+            place = here.index(one) + 1
+            if place == len(here) or here[place] != other:
                 return cell
         return None
 
-    def remove(self, step: tuple[int, ...]) -> None:
+    def remove(self, step: int) -> None:
         for cell in self.cells(step):
             self.at[cell].remove(step)
 
 
 def _steps(plan: VehiclePlan) -> Iterable[tuple[int, ...]]:
     """Yield the steps: the moves of a round that rotate together, and every other move alone."""
-    rounds: dict[object, list[int]] = {}
+    rounds: dict[int, list[int]] = {}
     for number, move in enumerate(plan.moves, 1):
-        rounds.setdefault((number, None) if move.round is None else move.round, []).append(number)
+        if move.round is None:
+            yield (number,)
+        else:
+            rounds.setdefault(move.round, []).append(number)
     for numbers in rounds.values():
         leaves = {plan.moves[number - 1].source: number for number in numbers}
         alone: set[int] = set()
@@ -379,12 +403,13 @@ def _cancelled(timetable: FollowingFile, visits: _Visits) -> str | None:
     if any(one[1] >= other[1] for one, other in pairwise(pairs)):
         return "the pairs are not in order of their later moves"
     partner = dict(pairs)
-    gone: set[tuple[int, ...]] = set()
+    gone: set[int] = set()
     for earlier, later in pairs:
-        one, other = visits.step_of[earlier], visits.step_of[later]
+        one, other = visits.step_of(earlier), visits.step_of(later)
         if one in gone:
             continue  # of a rotation, whose other moves have been looked at
-        if sorted(partner.get(move, 0) for move in one) != sorted(other):
+        moves = visits.moves_of(other)
+        if sorted(partner.get(move, 0) for move in visits.moves_of(one)) != [*moves]:
             return f"moves {earlier} and {later}: of a rotation not all moves cancel together"
         if not visits.undo(one, other):
             return f"move {later} does not undo move {earlier}"
@@ -398,36 +423,42 @@ def _cancelled(timetable: FollowingFile, visits: _Visits) -> str | None:
 
 
 def _reduced(visits: _Visits, lines: dict[int, FollowingLine]) -> str | None:
-    follows = {
-        (cell, one): other for cell, steps in visits.at.items() for one, other in pairwise(steps)
+    undone = {
+        one: other
+        for steps in visits.at.values()
+        for one, other in pairwise(steps)
+        if visits.undo(one, other) and visits.adjacent(one, other) is None
     }
-    for one in dict.fromkeys(visits.step_of[move] for move in lines):
-        after = {follows.get((cell, one)) for cell in visits.cells(one)}
-        other = after.pop()
-        if not after and other is not None and visits.undo(one, other):
-            return f"move {other[0]} and move {one[0]} undo each other, with nothing between them"
-    return None
+    one = next((step for step in map(visits.step_of, lines) if step in undone), None)
+    if one is None:
+        return None
+    return f"move {undone[one]} and move {one} undo each other, with nothing between them"
 
 
 def _order(visits: _Visits, lines: dict[int, FollowingLine]) -> str | None:
     for cell, steps in visits.at.items():
-        events = [
-            (lines[move], lines[move].source == cell)
-            for step in steps
-            for move in sorted(step, key=lambda move: lines[move].source != cell)
-            if cell in (lines[move].source, lines[move].target)
-        ]
-        for (one, one_leaves), (other, other_leaves) in pairwise(events):
-            (begin, end), (next_begin, next_end) = one.times, other.times
+        moves = (lines[move] for step in steps for move in _at_vertex(visits, step, cell))
+        events = [(line, line.source == cell, line.times) for line in moves]
+        for (one, one_leaves, times), (other, other_leaves, next_times) in pairwise(events):
+            (begin, end), (next_begin, next_end) = times, next_times
             if one_leaves == other_leaves:
                 return f"at {site_text(cell)} move {other.move} comes next to move {one.move}"
             in_order = begin <= next_begin and end <= next_end if one_leaves else end <= next_begin
             if not in_order:
                 return f"at {site_text(cell)} move {other.move} is too early after move {one.move}"
-    for step in dict.fromkeys(visits.step_of[move] for move in lines):
-        if len({lines[move].times for move in step}) > 1:
-            return f"moves {', '.join(map(str, step))} rotate, but not at one time"
+    for rotation in visits.rotations.values():
+        if rotation[0] in lines and len({lines[move].times for move in rotation}) > 1:
+            return f"moves {', '.join(map(str, rotation))} rotate, but not at one time"
     return None
+
+
+def _at_vertex(visits: _Visits, step: int, cell: Cell) -> Iterable[int]:
+    """Return the moves of a step that leave or enter a vertex, the one that leaves it first."""
+    rotation, moves = visits.rotations.get(step), visits.plan.moves
+    if rotation is None:
+        return (step,)
+    leaves = [move for move in rotation if moves[move - 1].source == cell]
+    return leaves + [move for move in rotation if moves[move - 1].target == cell]
 
 
 class _Binding:
@@ -441,9 +472,10 @@ class _Binding:
         for cell, steps in visits.at.items():
             leaving: int | None = None
             for step in steps:
-                leaving = next((move for move in step if lines[move].source == cell), leaving)
-                for move in step:
-                    if lines[move].target == cell and leaving is not None:
+                for move in _at_vertex(visits, step, cell):
+                    if lines[move].source == cell:
+                        leaving = move
+                    elif leaving is not None:
                         self._left_last[move] = leaving
         self._before: dict[int, int] = {}
         last: dict[int, int] = {}

@@ -86,12 +86,12 @@ class FollowingClauses:
 
     @cached_property
     def _visitors(self) -> dict[tuple[int, int], list[int]]:
-        """Who can be at each vertex at each time, in ascending order."""
+        """The vehicles that can be at each vertex at each time, in ascending order."""
         found: dict[tuple[int, int], list[int]] = defaultdict(list)
-        for who, spans in enumerate(self._when):
+        for vehicle, spans in enumerate(self._when):
             for vertex, (first, last, _) in spans.items():
                 for time in range(first, last + 1):
-                    found[vertex, time].append(who)
+                    found[vertex, time].append(vehicle)
         return found
 
     # The numbers of variables, 0 for what has none. There are millions, so each takes four bytes.
@@ -135,18 +135,18 @@ class FollowingClauses:
         """Whether some vehicle cannot reach its end in this many rounds, were it alone."""
         return not all(self._when)
 
-    def _can(self, who: int, vertex: int, time: int) -> bool:
-        first, last, _ = self._when[who].get(vertex, (1, 0, 0))
+    def _can(self, vehicle: int, vertex: int, time: int) -> bool:
+        first, last, _ = self._when[vehicle].get(vertex, (1, 0, 0))
         return first <= time <= last
 
-    def _is_at(self, who: int, vertex: int, time: int) -> int:
+    def _is_at(self, vehicle: int, vertex: int, time: int) -> int:
         """Return the literal that says where somebody is who can be there."""
-        return 2 * self._at[self._when[who][vertex][2] + time]
+        return 2 * self._at[self._when[vehicle][vertex][2] + time]
 
     def _goers(self, source: int, target: int, time: int) -> list[int]:
         """Return who can go along an edge in the round after a time."""
         leaving = self._visitors.get((source, time), ())
-        return [who for who in leaving if self._can(who, target, time + 1)]
+        return [vehicle for vehicle in leaving if self._can(vehicle, target, time + 1)]
 
     def _followed(self) -> Iterator[tuple[tuple[int, int], int, list[int], list[int]]]:
         """Yield where somebody can go to where another can be: edge, time, who goes, who is there.
@@ -164,11 +164,11 @@ class FollowingClauses:
     def meanings(self) -> Iterator[Meaning]:
         """Yield the meaning of every variable that there must be."""
         for (vertex, time), visitors in self._visitors.items():
-            for who in visitors:
-                yield AT, who, vertex, time
+            for vehicle in visitors:
+                yield AT, vehicle, vertex, time
             if len(visitors) >= LADDER_FROM:
-                for who in visitors[:-1]:
-                    yield UP_TO, who, vertex, time
+                for vehicle in visitors[:-1]:
+                    yield UP_TO, vehicle, vertex, time
         for (source, target), time, _, _ in self._followed():
             yield GOES, source, target, time
 
@@ -193,8 +193,10 @@ class FollowingClauses:
             reach = {*near, *(far for each in near for far in self._beside[each])}
             within.append(sorted(far for far in reach if far > vertex))
         numbers = self._at
-        for who, spans in enumerate(self._when):
-            yield [self._is_at(who, vertex, 0) for vertex in spans if self._can(who, vertex, 0)]
+        for vehicle, spans in enumerate(self._when):
+            yield [
+                self._is_at(vehicle, vertex, 0) for vertex in spans if self._can(vehicle, vertex, 0)
+            ]
             for vertex, (first, last, at) in spans.items():
                 near_spans = [
                     spans[each] for each in (vertex, *self._beside[vertex]) if each in spans
@@ -216,7 +218,7 @@ class FollowingClauses:
     def _shared(self) -> Iterator[list[int]]:
         """Yield that at most one vehicle is at a vertex at a time."""
         for (vertex, time), visitors in self._visitors.items():
-            standing = [self._is_at(who, vertex, time) for who in visitors]
+            standing = [self._is_at(vehicle, vertex, time) for vehicle in visitors]
             if len(visitors) < LADDER_FROM:
                 for one, other in combinations(standing, 2):
                     yield [one + 1, other + 1]
@@ -232,19 +234,19 @@ class FollowingClauses:
         """Yield when one may go to where another is, and that no two swap places."""
         for (source, target), time, goers, there in self._followed():
             goes = 2 * self._goes[source, target][time]
-            for who in goers:
-                before = self._is_at(who, source, time)
-                yield [before + 1, self._is_at(who, target, time + 1) + 1, goes]
+            for vehicle in goers:
+                before = self._is_at(vehicle, source, time)
+                yield [before + 1, self._is_at(vehicle, target, time + 1) + 1, goes]
             if self._beyond is None:
                 back = self._goes[target, source][time]
                 if back and source < target:
                     yield [goes + 1, 2 * back + 1]
                 continue
             on = self._beyond.get((source, target))
-            for who in there:
-                clause = [goes + 1, self._is_at(who, target, time) + 1]
-                if on is not None and self._can(who, on, time + 1):
-                    clause.append(self._is_at(who, on, time + 1))
+            for vehicle in there:
+                clause = [goes + 1, self._is_at(vehicle, target, time) + 1]
+                if on is not None and self._can(vehicle, on, time + 1):
+                    clause.append(self._is_at(vehicle, on, time + 1))
                 yield clause
 
 
@@ -260,22 +262,20 @@ _CHUNK = 1 << 16
 class FewestRoundsResult:
     """What a proof proves that was checked.
 
-    No timetable has `refuted` rounds or fewer, and one has `rounds`. If not `proved`, two solvers
-    agreed on that, and nobody can check it: all but that was checked. There are no clauses where a
+    No timetable has `refuted` rounds or fewer, and one has `rounds`. There are no clauses where a
     vehicle has further to go than `refuted`.
     """
 
     refuted: int
     rounds: int
-    proved: bool
     variables: int
     clauses: int
     lemmas: int
 
     @property
     def optimal(self) -> bool:
-        """Whether no timetable is shorter than this one, so far as that is proved."""
-        return self.proved and self.rounds == self.refuted + 1
+        """Whether no timetable is shorter than this one."""
+        return self.rounds == self.refuted + 1
 
 
 def check_fewest_rounds(
@@ -325,9 +325,11 @@ class FollowingRefutation:
         return {way for one, other in self.proof.edges for way in ((one, other), (other, one))}
 
     def _vertices(self, what: str, cells: Sequence[Cell]) -> list[int]:
-        for who, cell in enumerate(cells):
+        for vehicle, cell in enumerate(cells):
             if cell not in self._places:
-                raise CheckError(f"vehicle {who} {what} at {site_text(cell)}, which is no vertex")
+                raise CheckError(
+                    f"vehicle {vehicle} {what} at {site_text(cell)}, which is no vertex"
+                )
         if len(set(cells)) < len(cells):
             raise CheckError(f"two vehicles {what.removesuffix('s')} at one vertex")
         return [self._places[cell] for cell in cells]
@@ -385,20 +387,20 @@ class FollowingRefutation:
             kept = task.place(meaning)
             number = 0 if kept is None else kept[0][kept[1]]
             if not number:
-                raise CheckError(f"no variable means that {self._told(meaning)}")
+                raise CheckError(f"no variable means that {self._meaning_text(meaning)}")
             needed[number] = 1
         stray = needed.find(0, 1)
         if stray > 0:
             raise CheckError(f"variable {stray}: nothing needs it, or it means nothing")
 
-    def _told(self, meaning: Meaning) -> str:
+    def _meaning_text(self, meaning: Meaning) -> str:
         kind, one, other, time = meaning
         there = site_text(self.proof.vertices[other])
         if kind == GOES:
             source = site_text(self.proof.vertices[one])
             return f"somebody goes from {source} to {there} in round {time + 1}"
-        who = f"vehicle {one}" if kind == AT else f"one of the vehicles up to {one}"
-        return f"{who} is at {there} after {time} rounds"
+        vehicle = f"vehicle {one}" if kind == AT else f"one of the vehicles up to {one}"
+        return f"{vehicle} is at {there} after {time} rounds"
 
     @property
     def clauses(self) -> ProofClauses:
@@ -412,20 +414,20 @@ class FollowingRefutation:
     def other_task(self, plan: VehiclePlan) -> str | None:
         """Return why the proof is not about the vehicles and the workspace of a plan, or None."""
         proof = self.proof
-        for what, said, given in (
+        for what, stated, given in (
             ("starts", proof.starts, plan.starts),
             ("ends", proof.ends, plan.ends),
         ):
-            if len(said) != len(given):
-                return f"has {len(given)} vehicles, the proof {len(said)}"
-            for who, (here, there) in enumerate(zip(said, given, strict=True)):
+            if len(stated) != len(given):
+                return f"has {len(given)} vehicles, the proof {len(stated)}"
+            for vehicle, (here, there) in enumerate(zip(stated, given, strict=True)):
                 if here != there:
                     where = f"{site_text(there)}, in the proof at {site_text(here)}"
-                    return f"has another task: vehicle {who} {what} at {where}"
-        told: set[frozenset[Site]] = {
+                    return f"has another task: vehicle {vehicle} {what} at {where}"
+        edges: set[frozenset[Site]] = {
             frozenset((proof.vertices[one], proof.vertices[other])) for one, other in self._edges
         }
-        apart = told ^ {frozenset(edge) for edge in plan.edges()}
+        apart = edges ^ {frozenset(edge) for edge in plan.edges()}
         return "has another workspace: its edges are not those of the proof" if apart else None
 
     def checked(self) -> FewestRoundsResult:
@@ -438,19 +440,15 @@ class FollowingRefutation:
             )
         clauses = self._derived
         self._check_schedule()
-        proved, variables = proof.standing == "proved", len(proof.variables)
-        if clauses is None and variables:
-            raise CheckError("there are variables, and nothing that they would be needed for")
-        if (clauses is None or not proved) and any(proof.log):
-            raise CheckError("there is a log, and nothing that it would be needed for")
+        variables = len(proof.variables)
         if clauses is None:
-            return FewestRoundsResult(proof.refuted, rounds, proved, 0, 0, 0)
-        lemmas = 0
-        if proved:
-            lemmas = Refuter(variables, *clauses).follow(proof.log, self._tell)
-        return FewestRoundsResult(
-            proof.refuted, rounds, proved, variables, len(clauses.ends), lemmas
-        )
+            if variables:
+                raise CheckError("there are variables, and nothing that they would be needed for")
+            if any(proof.log):
+                raise CheckError("there is a log, and nothing that it would be needed for")
+            return FewestRoundsResult(proof.refuted, rounds, 0, 0, 0)
+        lemmas = Refuter(variables, *clauses).follow(proof.log, self._tell)
+        return FewestRoundsResult(proof.refuted, rounds, variables, len(clauses.ends), lemmas)
 
     def _check_schedule(self) -> None:
         proof, at = self.proof, list(self.proof.starts)
@@ -458,24 +456,24 @@ class FollowingRefutation:
         for number, moves in enumerate(proof.schedule, 1):
             where = f"round {number} of the timetable"
             left = list(at)
-            for who, place in moves:
-                if who >= len(at) or place >= len(proof.vertices):
+            for vehicle, place in moves:
+                if vehicle >= len(at) or place >= len(proof.vertices):
                     raise CheckError(
-                        f"{where}: vehicle {who} goes to vertex {place}, expected less than"
+                        f"{where}: vehicle {vehicle} goes to vertex {place}, expected less than"
                         f" {len(at)} and {len(proof.vertices)}"
                     )
-                source, target = left[who], proof.vertices[place]
+                source, target = left[vehicle], proof.vertices[place]
                 if (self._places[source], place) not in self._edges:
-                    goes = f"vehicle {who} goes from {site_text(source)} to {site_text(target)}"
+                    goes = f"vehicle {vehicle} goes from {site_text(source)} to {site_text(target)}"
                     raise CheckError(f"{where}: {goes}, which is no edge")
-                lines.append(FollowingLine(who, source, target, round=number))
-                at[who] = target
+                lines.append(FollowingLine(vehicle, source, target, round=number))
+                at[vehicle] = target
         why = why_not_in_rounds(lines, proof.starts, proof.rule)
         if why is not None:
             raise CheckError(f"the timetable: {why}")
-        for who, (here, end) in enumerate(zip(at, proof.ends, strict=True)):
+        for vehicle, (here, end) in enumerate(zip(at, proof.ends, strict=True)):
             if here != end:
                 raise CheckError(
-                    f"after the timetable vehicle {who} is at {site_text(here)}, expected"
+                    f"after the timetable vehicle {vehicle} is at {site_text(here)}, expected"
                     f" {site_text(end)}"
                 )

@@ -184,13 +184,13 @@ class Meanings:
         needed = np.empty(0, dtype=np.int64)
         needed = np.empty(_needed(slots, roles, needed), dtype=np.int64)
         _needed(slots, roles, needed)
-        told = [(site * (rounds + 1) + time) * 3 + role for site, time, role in self._ladder_list]
-        keys, counts = np.unique(np.array(told, dtype=np.int64), return_counts=True)
+        stated = [(site * (rounds + 1) + time) * 3 + role for site, time, role in self._ladder_list]
+        keys, counts = np.unique(np.array(stated, dtype=np.int64), return_counts=True)
         if (counts > 1).any():
             raise CheckError(f"two ladders of {self._key_text(int(keys[counts > 1][0]))}")
         for stray in np.setdiff1d(keys, needed).tolist():
             raise CheckError(
-                f"ladder {told.index(stray)}: of {self._key_text(stray)}, expected pairs there:"
+                f"ladder {stated.index(stray)}: of {self._key_text(stray)}, expected pairs there:"
                 " they are few"
             )
         for missing in np.setdiff1d(needed, keys).tolist():
@@ -212,7 +212,7 @@ class Meanings:
         bad = _unlike(slots, roles, found, owner)
         if bad >= 0:
             raise CheckError(
-                f"ladder {bad}: its members are not {self._key_text(told[bad])}, each once"
+                f"ladder {bad}: its members are not {self._key_text(stated[bad])}, each once"
             )
         return found
 
@@ -365,15 +365,13 @@ Tell = Callable[[str, int], object]
 class ProofResult:
     """What a proof proves that was checked.
 
-    No schedule has `refuted` rounds or fewer, and one has `cubes`. If not `proved`, two solvers
-    agreed on that, and nobody can check it: all but that was checked. `lemmas` is how many of the
-    log were needed; none if unit propagation of the clauses alone refutes them, and there are no
+    No schedule has `refuted` rounds or fewer, and one has `cubes`. `lemmas` is how many of the log
+    were needed; none if unit propagation of the clauses alone refutes them, and there are no
     clauses if the windows alone do.
     """
 
     refuted: int
     cubes: int
-    proved: bool
     moves: int
     variables: int
     clauses: int
@@ -381,8 +379,8 @@ class ProofResult:
 
     @property
     def optimal(self) -> bool:
-        """Whether no schedule is shorter than this one, so far as that is proved."""
-        return self.proved and self.cubes == self.refuted + 1
+        """Whether no schedule is shorter than this one."""
+        return self.cubes == self.refuted + 1
 
 
 def check_optimality(proof: OptimalityProof) -> ProofResult:
@@ -395,8 +393,8 @@ def check_optimality(proof: OptimalityProof) -> ProofResult:
     ...     system=None, start=[1], goal=[3], refuted=1, cubes=2,
     ...     moves=[left, right], schedule=[[0], [1]],
     ... ))
-    >>> found.proved, found.optimal, found.clauses
-    (True, True, 0)
+    >>> found.optimal, found.clauses
+    (True, 0)
     """
     return ClaimedRefutation(proof).checked()
 
@@ -517,14 +515,14 @@ class ClaimedRefutation:
 
         The moves are those of the system; without one they are `actions`.
         """
-        for name, said, given in (("start", self._start, start), ("goal", self._goal, goal)):
-            apart = in_order(said ^ given)
+        for name, stated, given in (("start", self._start, start), ("goal", self._goal, goal)):
+            apart = in_order(stated ^ given)
             if apart:
                 where = "there" if apart[0] in given else "in the proof"
                 return f"has another {name}: {site_text(apart[0])} is on only {where}"
         if (self.system is None) != (system is None):
-            told = "moves of a system" if system is None else "listed moves"
-            return f"has other moves: the proof is about {told}"
+            subject = "moves of a system" if system is None else "listed moves"
+            return f"has other moves: the proof is about {subject}"
         if self.system is None or system is None:
             apart_moves = set(self.proof.moves) ^ set(actions)
             return "has other moves than the proof" if apart_moves else None
@@ -540,18 +538,14 @@ class ClaimedRefutation:
                 " that are said to be impossible"
             )
         self._check_schedule()
-        proved = proof.standing == "proved"
-        derived = self._clauses
-        if (derived is None or not proved) and any(proof.log):
-            raise CheckError("there is a log, and nothing that it would be needed for")
-        if derived is None:
-            return ProofResult(proof.refuted, proof.cubes, proved, 0, 0, 0, 0)
-        moves, (literals, ends) = derived
+        if self._clauses is None:
+            if any(proof.log):
+                raise CheckError("there is a log, and nothing that it would be needed for")
+            return ProofResult(proof.refuted, proof.cubes, 0, 0, 0, 0)
+        moves, (literals, ends) = self._clauses
         variables = len(proof.variables)
-        lemmas = 0
-        if proved:
-            lemmas = Refuter(variables, literals, ends).follow(proof.log, self._tell)
-        return ProofResult(proof.refuted, proof.cubes, proved, moves, variables, len(ends), lemmas)
+        lemmas = Refuter(variables, literals, ends).follow(proof.log, self._tell)
+        return ProofResult(proof.refuted, proof.cubes, moves, variables, len(ends), lemmas)
 
     def _check_schedule(self) -> None:
         proof, state = self.proof, set(self._start)

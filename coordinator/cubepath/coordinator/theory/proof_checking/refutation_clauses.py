@@ -116,37 +116,17 @@ def slots_of(windows: ProofWindows, ladder_sizes: Longs) -> Slots:
 
 def roles_of(table: SupportTable, windows: ProofWindows, sites: int) -> Roles:
     """Return what moves that can be made do to sites."""
-    at = np.zeros(4 * sites + 1, dtype=np.int64)
-    _count_roles(table, windows.first, windows.last, at)
-    at = np.cumsum(at)
-    moves = np.empty(at[-1], dtype=np.int32)
-    _fill_roles(table, windows.first, windows.last, at[:-1].copy(), moves)
-    return Roles(at, moves)
-
-
-@inner
-def _role(says: np.int8, end: int) -> int:
-    if (says ^ says >> 1) & 1:
-        return ON if says >> (1 - end) & 1 else OFF
-    return STAY if says & IN_TRACE else READ
-
-
-@compiled
-def _count_roles(table: SupportTable, first: Ints, last: Ints, at: Longs) -> None:
-    for move in range(len(first)):
-        if first[move] <= last[move]:
-            for place in range(table.starts[move >> 1], table.starts[(move >> 1) + 1]):
-                at[4 * table.sites[place] + _role(table.says[place], move & 1) + 1] += 1
-
-
-@compiled
-def _fill_roles(table: SupportTable, first: Ints, last: Ints, fill: Longs, moves: Ints) -> None:
-    for move in range(len(first)):
-        if first[move] <= last[move]:
-            for place in range(table.starts[move >> 1], table.starts[(move >> 1) + 1]):
-                key = 4 * table.sites[place] + _role(table.says[place], move & 1)
-                moves[fill[key]] = move
-                fill[key] += 1
+    action = np.repeat(np.arange(len(table.starts) - 1), np.diff(table.starts))
+    moves = np.concatenate((2 * action, 2 * action + 1))
+    says = np.concatenate((table.says, table.says >> 1 & 1 | table.says << 1 & 2 | table.says & ~3))
+    role = np.where(says & IN_TRACE, STAY, READ)
+    role[says & 3 == 1], role[says & 3 == 2] = OFF, ON
+    keys = 4 * np.tile(table.sites, 2).astype(np.int64) + role
+    able = (windows.first <= windows.last)[moves]
+    moves, keys = moves[able], keys[able]
+    order = np.lexsort((moves, keys))
+    at = np.searchsorted(keys[order], np.arange(4 * sites + 1))
+    return Roles(at.astype(np.int64), moves[order].astype(np.int32))
 
 
 @inner

@@ -259,90 +259,36 @@ def earliest_times(table: SupportTable, state: Flags, usable: Flags) -> tuple[In
 
 @compiled
 def _earliest(table: SupportTable, usable: Flags, literals: Ints, moves: Ints) -> None:
-    """Fill in the times: layer by layer, each move as soon as the last that it needs is reached.
+    """Fill in the times, round by round: a move is made as soon as all that it needs is possible.
 
     A guard needs that its first site can be off or that its second can be on.
     """
     starts, sites, says, guard_starts, guards = table
-    actions = len(starts) - 1
-    # By literal the places that wait for it: moves, or guards of moves with a mark.
-    waiting_at = np.zeros(len(literals) + 1, dtype=np.int64)
-    for action in range(actions):
-        for end in range(2):
-            if not usable[2 * action + end]:
-                continue
-            for at in range(starts[action], starts[action + 1]):
-                if not says[at] & IS_FREE:
-                    waiting_at[2 * sites[at] + (says[at] >> end & 1) + 1] += 1
-            for at in range(guard_starts[action], guard_starts[action + 1]):
-                waiting_at[2 * guards[at, 0] + 1] += 1
-                waiting_at[2 * guards[at, 1] + 2] += 1
-    for literal in range(len(literals)):
-        waiting_at[literal + 1] += waiting_at[literal]
-    fill = waiting_at[:-1].copy()
-    waiting = np.empty(waiting_at[-1], dtype=np.int32)
-    guard = np.empty(waiting_at[-1], dtype=np.int32)
-    missing = np.zeros(2 * actions, dtype=np.int32)
-    for action in range(actions):
-        for end in range(2):
-            move = 2 * action + end
-            if not usable[move]:
-                continue
-            for at in range(starts[action], starts[action + 1]):
-                if not says[at] & IS_FREE:
-                    literal = 2 * sites[at] + (says[at] >> end & 1)
-                    waiting[fill[literal]] = move
-                    guard[fill[literal]] = -1
-                    fill[literal] += 1
-                    missing[move] += 1
-            for at in range(guard_starts[action], guard_starts[action + 1]):
-                for literal in (2 * guards[at, 0], 2 * guards[at, 1] + 1):
-                    waiting[fill[literal]] = move
-                    guard[fill[literal]] = 2 * at + end
-                    fill[literal] += 1
-                missing[move] += 1
-    held = np.zeros(2 * len(guards), dtype=np.bool_)
-    queue = np.empty(len(literals), dtype=np.int32)
-    tail = 0
-    for literal in range(len(literals)):
-        if literals[literal] == 0:
-            queue[tail] = literal
-            tail += 1
-    reached = np.empty(2 * actions, dtype=np.int32)
-    for move in range(2 * actions):
-        if usable[move] and missing[move] == 0:
-            moves[move] = 1
-    # Moves that need nothing come first, in the place of a literal that is reached at time 0.
-    head = -1
-    while head < tail:
-        count, now = 0, 0
-        if head < 0:
-            for move in range(2 * actions):
-                if moves[move] == 1:
-                    reached[count] = move
-                    count += 1
-        else:
-            literal = queue[head]
-            now = literals[literal]
-            for at in range(waiting_at[literal], waiting_at[literal + 1]):
-                if guard[at] >= 0:
-                    if held[guard[at]]:
-                        continue
-                    held[guard[at]] = True
-                move = waiting[at]
-                missing[move] -= 1
-                if missing[move] == 0:
-                    moves[move] = now + 1
-                    reached[count] = move
-                    count += 1
-        head += 1
+    left = np.flatnonzero(usable)
+    count, now, more = len(left), 0, True
+    while more:
+        now += 1
+        more, waiting = False, 0
         for place in range(count):
-            move = reached[place]
+            move = left[place]
             action, end = move >> 1, move & 1
+            ready = True
             for at in range(starts[action], starts[action + 1]):
                 before = says[at] >> end & 1
-                after = says[at] >> (1 - end) & 1
+                if not says[at] & IS_FREE and literals[2 * sites[at] + before] >= now:
+                    ready = False
+                    break
+            for at in range(guard_starts[action], guard_starts[action + 1]):
+                if literals[2 * guards[at, 0]] >= now and literals[2 * guards[at, 1] + 1] >= now:
+                    ready = False
+            if not ready:
+                left[waiting] = move
+                waiting += 1
+                continue
+            moves[move] = now
+            for at in range(starts[action], starts[action + 1]):
+                before, after = says[at] >> end & 1, says[at] >> (1 - end) & 1
                 if before != after and literals[2 * sites[at] + after] == NEVER:
-                    literals[2 * sites[at] + after] = now + 1
-                    queue[tail] = 2 * sites[at] + after
-                    tail += 1
+                    literals[2 * sites[at] + after] = now
+                    more = True
+        count = waiting

@@ -206,37 +206,14 @@ def _hash(heads: Ints, literals: Ints, begin: int, end: int) -> int:
 @compiled
 def _load(state: _State, literals: Ints, ends: Longs) -> None:
     """Store the clauses and watch them; the unit ones become true, and an empty one refutes."""
-    pool, numbers = state.pool, state.numbers
     begin = 0
     for end in ends:
-        size = end - begin
-        clause = numbers[_POOL] + _HEADER
-        for place in range(size):
-            pool[clause + place] = literals[begin + place]
-        pool[clause - 1] = size
-        row = _hash(state.heads, literals, begin, end)
-        pool[clause - 2] = state.heads[row]
-        state.heads[row] = clause
-        numbers[_POOL] = clause + size
+        clause = literals[begin:end]
+        good = min(end - begin, 2)
+        if good == 1 and state.value[clause[0]] == -1:
+            good = 0
+        _add(state, state.watches, clause, end - begin, good)
         begin = end
-        if size == 0:
-            numbers[_FOUND] = 1
-        elif size == 1:
-            literal = pool[clause]
-            if state.value[literal] == -1:
-                numbers[_FOUND] = 1
-            elif state.value[literal] == 0:
-                state.value[literal], state.value[literal ^ 1] = 1, -1
-                state.reason[literal >> 1] = clause
-                state.trail[numbers[_TRAIL]] = literal
-                numbers[_TRAIL] += 1
-        else:
-            for place in range(2):
-                literal = pool[clause + place]
-                at = 2 * (state.watch_at[literal] + state.watch_size[literal])
-                state.watches[at] = pool[clause + 1 - place]
-                state.watches[at + 1] = clause
-                state.watch_size[literal] += 1
 
 
 @compiled

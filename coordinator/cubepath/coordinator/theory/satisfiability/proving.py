@@ -16,7 +16,6 @@ import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from tempfile import TemporaryFile
 from typing import IO, Self
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
@@ -34,6 +33,7 @@ from cubepath.coordinator.theory.satisfiability.solver_process import (
     SolverAnswer,
     SolverError,
     SolverProcess,
+    new_log,
 )
 from cubepath.protocol.core.actions import Action
 
@@ -175,14 +175,7 @@ class Prover:
             job.begin(problem, SECOND_SOLVER)
             job.until = time.monotonic() + patience
         else:
-            job.begin(problem, SOLVER, seed=2 * self.seed + job.number, log=self._log())
-
-    def _log(self) -> IO[bytes]:
-        """Return a file without a name, which is closed with the prover."""
-        try:
-            return self._stack.enter_context(TemporaryFile())
-        except OSError as error:
-            raise SolverError(f"no file for the log of a SAT solver: {error.strerror}") from None
+            job.begin(problem, SOLVER, seed=2 * self.seed + job.number, log=new_log(self._stack))
 
     def _wait(self, jobs: Iterable[_Job], end: float) -> None:
         """Wait until some solver answers, a great step takes too long, or the time is up."""

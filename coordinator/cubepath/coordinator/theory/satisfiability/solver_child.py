@@ -28,14 +28,14 @@ def main() -> None:
     ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != int(sys.argv[1]):
         return  # the parent ended before it could be watched
-    told, answers = sys.stdin.buffer, sys.stdout.buffer
-    while line := told.readline():
-        _answer(json.loads(line), told, answers)
+    requests, answers = sys.stdin.buffer, sys.stdout.buffer
+    while line := requests.readline():
+        _answer(json.loads(line), requests, answers)
 
 
-def _answer(asked: dict[str, Any], told: BinaryIO, answers: BinaryIO) -> None:
-    literals = _read(told, asked["literals"], np.int32)
-    ends = _read(told, asked["clauses"], np.int64)
+def _answer(asked: dict[str, Any], requests: BinaryIO, answers: BinaryIO) -> None:
+    literals = _read(requests, asked["literals"], np.int32)
+    ends = _read(requests, asked["clauses"], np.int64)
     from pysat.solvers import Solver  # noqa: PLC0415 - whoever asks need not wait for it
 
     log = asked["log"]
@@ -91,9 +91,9 @@ def _copy(solver: Any, log: str, most: int) -> bool:
     return True
 
 
-def _read(told: BinaryIO, count: int, kind: type) -> Any:
+def _read(requests: BinaryIO, count: int, kind: type) -> Any:
     size = count * np.dtype(kind).itemsize
-    found = told.read(size)
+    found = requests.read(size)
     if len(found) < size:
         sys.exit(1)
     return np.frombuffer(found, dtype=kind)

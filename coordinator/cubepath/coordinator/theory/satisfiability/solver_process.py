@@ -13,8 +13,9 @@ import os
 import select
 import subprocess
 import sys
-from collections.abc import Sized
-from contextlib import suppress
+from collections.abc import Iterator, Sized
+from contextlib import ExitStack, suppress
+from tempfile import TemporaryFile
 from typing import IO, BinaryIO, NamedTuple, Protocol, Self, cast
 
 import numpy as np
@@ -28,6 +29,7 @@ SECOND_SOLVER = "glucose4"
 """A solver of another family: Glucose 4 (Audemard and Simon 2009)."""
 LOG_MAX = 100_000_000
 """The greatest size of a log, in bytes, that is kept and can be checked."""
+_PIECE = 1 << 20
 _BLOCK = 512
 """The unit in which the system counts the blocks of a file."""
 _CHILD = "cubepath.coordinator.theory.satisfiability.solver_child"
@@ -79,11 +81,30 @@ def check_installed(what: str) -> None:
         raise InputError(f"{what} takes the library python-sat: pip install 'cubepath[proofs]'")
 
 
+def new_log(logs: ExitStack) -> IO[bytes]:
+    """Return a file without a name for a log, which is closed with `logs`.
+
+    SolverError if there is no room for one.
+    """
+    try:
+        return logs.enter_context(TemporaryFile())
+    except OSError as error:
+        raise SolverError(f"no file for the log of a SAT solver: {error.strerror}") from None
+
+
+def pieces_of(log: IO[bytes] | None) -> Iterator[bytes]:
+    """Yield the content of a log, piece by piece; nothing where there is none."""
+    if log is not None:
+        log.seek(0)
+        while piece := log.read(_PIECE):
+            yield piece
+
+
 class _Child(NamedTuple):
     """The process, its input, and its answers: unbuffered, so that it can be awaited."""
 
     process: subprocess.Popen[bytes]
-    told: BinaryIO
+    requests: BinaryIO
     answers: IO[bytes]
 
 
@@ -149,12 +170,12 @@ class SolverProcess:
             "literals": len(problem.literals),
             "clauses": len(problem.ends),
         }
-        told = self._started().told
+        requests = self._started().requests
         try:
-            told.write(json.dumps(head).encode() + b"\n")
-            told.write(problem.literals.data)
-            told.write(problem.ends.data)
-            told.flush()
+            requests.write(json.dumps(head).encode() + b"\n")
+            requests.write(problem.literals.data)
+            requests.write(problem.ends.data)
+            requests.flush()
         except OSError as error:
             raise self._ended() from error
 
@@ -171,23 +192,23 @@ class SolverProcess:
             line = child.answers.readline()
             if not line:
                 raise self._ended()
-            said = json.loads(line)
-            if "log" in said:
-                self._log_file = said["log"]
+            reply = json.loads(line)
+            if "log" in reply:
+                self._log_file = reply["log"]
                 continue
-            if "error" in said:
+            if "error" in reply:
                 self.end()
-                raise SolverError(f"the log of the SAT solver cannot be written: {said['error']}")
+                raise SolverError(f"the log of the SAT solver cannot be written: {reply['error']}")
             self._asked = None
             true = np.zeros(len(problem.variables), dtype=np.bool_)
-            if said["satisfiable"]:
+            if reply["satisfiable"]:
                 bits = np.frombuffer(self._read(child, -(-len(true) // 8)), dtype=np.uint8)
                 true = np.unpackbits(bits, count=len(true)).astype(np.bool_)
-            log = self._log if not said["satisfiable"] else None
-            if log is not None and (self._log_too_long or not said["kept"]):
+            log = self._log if not reply["satisfiable"] else None
+            if log is not None and (self._log_too_long or not reply["kept"]):
                 log.truncate(0)
                 log = None
-            return SolverAnswer(said["satisfiable"], true, log)
+            return SolverAnswer(reply["satisfiable"], true, log)
         self._watch_log(child.process)
         return None
 
@@ -203,14 +224,15 @@ class SolverProcess:
 
     def end(self) -> None:
         """End the process, whatever it is doing."""
-        child, self._child, self._asked = self._child, None, None
-        if child is None:
+        self._asked = None
+        if (child := self._child) is None:
             return
         child.process.kill()
-        for stream in (child.told, child.answers):
+        for stream in (child.requests, child.answers):
             with suppress(OSError):
                 stream.close()
         child.process.wait()
+        self._child = None  # an interrupt may have come before: then it is ended once more
 
     def _read(self, child: _Child, size: int) -> bytes:
         found = b""
@@ -243,10 +265,10 @@ class SolverProcess:
                 bufsize=0,
                 process_group=0,  # an interrupt of the terminal is for this process alone
             )
-            told = cast("io.RawIOBase", process.stdin)
+            requests = cast("io.RawIOBase", process.stdin)
             # Raw writes may write a part; a buffer writes all.
             self._child = _Child(
-                process, io.BufferedWriter(told), cast("IO[bytes]", process.stdout)
+                process, io.BufferedWriter(requests), cast("IO[bytes]", process.stdout)
             )
         return self._child
 

@@ -36,13 +36,13 @@ class Budget:
         self._most = steps
         self._end = None if seconds is None else clock() + seconds
         self.tick = tick
-        self._told = 0
+        self._reported = 0
 
     def spend(self, steps: int = 1) -> None:
         """Count steps; SpentError if they exceed the budget, or the time is up."""
         self.steps += steps
-        if self.tick is not None and self.steps - self._told >= _TICK:
-            self._told = self.steps
+        if self.tick is not None and self.steps - self._reported >= _TICK:
+            self._reported = self.steps
             self.tick(self.steps)
         if self.spent:
             raise SpentError

@@ -1,6 +1,6 @@
 """A plan for hexagons with monkey moves, from any connected shape to any other.
 
-Source: Akitaya and others (SoCG 2021; the title is at `monkey_catalogue`) go by way of a straight
+Source: Akitaya and others (SoCG 2021; the title is in ``hexagons-3.toml``) go by way of a straight
 chain, and so does this plan. How modules come free is found by search here.
 
 1. The start becomes a chain that rises from its highest cell. One after another, a module without
@@ -24,19 +24,12 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import (
-    HEX_DIRECTIONS,
-    HEXAGONS,
-    Catalogue,
-    Cell,
-    GeneratorPlacement,
-    Move,
-)
+from cubepath.protocol.core.catalogue import HEXAGONS, Catalogue, Cell, GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.scenes.families.hexagons import monkey_catalogue
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
 
 _SHAPES = 1_000
 """The search for a module that comes free looks at this many shapes."""
@@ -73,27 +66,16 @@ def _task(scene: Scene) -> tuple[Shape, Shape]:
     if (
         found is None
         or found.lattice != HEXAGONS
-        or _actions(found) != _actions(monkey_catalogue())
+        or _actions(found) != _actions(page_catalogue("hexagons-3"))
     ):
         raise InputError(f"{scene.spec}: expected hexagons with monkey moves (catalogue=3)")
     if scene.system.filled or scene.system.empty or not scene.goal:
         raise InputError(f"{scene.spec}: expected a goal, and no obstacles")
     start, goal = (frozenset(map(HEXAGONS.check, sites)) for sites in (scene.start, scene.goal))
     for name, shape in (("start", start), ("goal", goal)):
-        if not _connected(shape):
+        if HEXAGONS.pieces(shape) != 1:
             raise InputError(f"{scene.spec}: the {name} is not connected")
     return start, goal
-
-
-def _connected(shape: Shape) -> bool:
-    rest = set(shape)
-    todo = [rest.pop()]
-    while todo:
-        q, r = todo.pop()
-        near = rest & {(q + along, r + up) for along, up in HEX_DIRECTIONS}
-        rest -= near
-        todo += near
-    return not rest
 
 
 def _actions(catalogue: Catalogue) -> set[Action]:
@@ -125,7 +107,7 @@ def _freed(system: System, shape: Shape, chain: Sequence[Cell], end: Cell) -> li
             ::-1
         ]:
             others = now - {cell}
-            if not _connected(others):
+            if HEXAGONS.pieces(others) != 1:
                 continue
             found = _walks(system, others, cell)
             if end in found:

@@ -6,8 +6,7 @@ the system and the questions. Nothing is enumerated beforehand: the lattice may 
 `cubepath.coordinator.theory.complexes.state_masks` is the form for compiled code.
 
 A move that is known by a list alone is met at the first site, in canonical order, that is on before
-it; one before which nothing is on is met anywhere. A list may be long, and a search may see little
-of it: of a path in numbers only the actions that are met are built.
+it; one before which nothing is on is met anywhere.
 
 A potential guides a search, and affects only how soon the search finds something.
 
@@ -19,8 +18,6 @@ simply connected and contractible are the same.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from cubepath.coordinator.theory.complexes.collapses import contractibility
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.complexes.homology_groups import homology
@@ -30,56 +27,7 @@ from cubepath.coordinator.theory.search.lower_bounds import potential_of, ways_o
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Ordinals, Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.path_files.numbered import NumberedPath
 from cubepath.protocol.scenes.registry import families_of
-
-Directed = tuple[Action, int]
-"""An action, and the local state, 0 or 1, in which a move by it begins."""
-
-
-class ListedMoves(NamedTuple):
-    """The moves of a list: those that are met at a site, and those that are met anywhere."""
-
-    at: Callable[[Site], list[Directed]]
-    anywhere: list[Directed]
-
-
-def listed_moves(listed: Iterable[Action] | NumberedPath) -> ListedMoves:
-    """Return the moves that occur, each once, in the order in which they come first."""
-    if isinstance(listed, NumberedPath):
-        return _of_path(listed)
-    at: dict[Site, list[Directed]] = {}
-    anywhere: list[Directed] = []
-    for action in dict.fromkeys(listed):
-        for end in (0, 1):
-            on = action.ends[end]
-            (at.setdefault(in_order(on)[0], []) if on else anywhere).append((action, end))
-    return ListedMoves(lambda site: at.get(site, []), anywhere)
-
-
-def _of_path(path: NumberedPath) -> ListedMoves:
-    supports = path.supports
-    starts, sites, says = supports.rows[:3]
-    nowhere = len(supports.sites)
-    present = path.numbers[np.sort(np.unique(path.numbers, return_index=True)[1])]
-    least = np.full((len(present), 2), nowhere, dtype=np.int64)
-    if len(present):
-        for end in (0, 1):
-            ranked = np.where(says >> end & 1, supports.order[sites], nowhere)
-            least[:, end] = np.minimum.reduceat(ranked, starts[:-1])[present]
-    met = least.ravel()
-    order = np.argsort(met, kind="stable")
-    begins = np.searchsorted(met[order], np.arange(nowhere + 2))
-    rank = dict(zip(supports.sites, supports.order.tolist(), strict=True))
-
-    def at(site: Site) -> list[Directed]:
-        return directed(rank[site]) if site in rank else []
-
-    def directed(place: int) -> list[Directed]:
-        some = order[begins[place] : begins[place + 1]].tolist()
-        return [(path.actions[int(present[each // 2])], each % 2) for each in some]
-
-    return ListedMoves(at, directed(nowhere))
 
 
 class _Row(NamedTuple):
@@ -107,13 +55,9 @@ class Transitions:
     """
 
     def __init__(
-        self,
-        system: System | None,
-        listed: Iterable[Action] | NumberedPath = (),
-        *,
-        budget: Budget | None = None,
+        self, system: System | None, listed: Iterable[Action] = (), *, budget: Budget | None = None
     ) -> None:
-        """Take the moves of `system`, or without one the `listed` actions, or those of a path.
+        """Take the moves of `system`, or without one the `listed` actions.
 
         Searches spend the budget. A SpentError leaves everything that is known here consistent.
         """
@@ -132,9 +76,15 @@ class Transitions:
         self._rows: list[list[_Row]] = []
         # Sites at which nothing moves, so they need not be looked at.
         self._still = 0
-        self._listed = listed_moves(listed)
+        self._listed: dict[Site, list[tuple[Action, int]]] = {}
         # Moves that no occupied site proposes, which only a list can have.
-        self._anywhere = [self._row(action, end) for action, end in self._listed.anywhere]
+        self._anywhere: list[_Row] = []
+        for action in dict.fromkeys(listed):
+            for end in (0, 1):
+                if on := action.ends[end]:
+                    self._listed.setdefault(in_order(on)[0], []).append((action, end))
+                else:
+                    self._anywhere.append(self._row(action, end))
 
     def bit(self, site: Site) -> int:
         """Return the number of the bit of a site."""
@@ -198,7 +148,7 @@ class Transitions:
         site = self.sites[bit]
         self._met |= 1 << bit
         if self.system is None:
-            self._rows[bit] += [self._row(action, end) for action, end in self._listed.at(site)]
+            self._rows[bit] += [self._row(*each) for each in self._listed.get(site, ())]
         else:
             ask = self._discover or self.system.moves_at
             for move in ask(site):
@@ -359,9 +309,9 @@ def _measure(
 ) -> Callable[[Site], int]:
     goals = steps.decode(goal)
     system = steps.system
-    said = None if system is None else potential_of(system, goals)
-    if said is not None:
-        return said
+    potential = None if system is None else potential_of(system, goals)
+    if potential is not None:
+        return potential
     if not ways.known:
         return lambda site: int(site not in goals)
     known = dict.fromkeys(goals, 0)

@@ -232,14 +232,14 @@ class Replanner:
         while after > 1:
             here, there = self._plan[vehicle, after - 1], self._plan[vehicle, after]
             after -= 1
-            who = [
+            vehicles = [
                 int(other)
                 for other in (self._held[after, here], self._held[after, there])
                 if other != FREE and self._plan[other, after] != self._plan[other, after - 1]
             ]
-            if not who:
+            if not vehicles:
                 break
-            vehicle = random.choice(who)
+            vehicle = random.choice(vehicles)
             found.append(vehicle)
         found = list(dict.fromkeys(found))
         if len(found) > size:
@@ -265,9 +265,9 @@ class Replanner:
                 if there != FREE and self._away[first, there] < self._away[first, place]
             ]
             place = random.choice(nearer)
-            for who in (self._held[after, place], self._held[max(1, after - 1), place]):
-                if who not in (FREE, first):
-                    found.add(int(who))
+            for holder in (self._held[after, place], self._held[max(1, after - 1), place]):
+                if holder not in (FREE, first):
+                    found.add(int(holder))
         return [first, *random.sample(sorted(found), k=min(size - 1, len(found)))]
 
     def _around(self, random: Random, size: int) -> Iterable[int]:

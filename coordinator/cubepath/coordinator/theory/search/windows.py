@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from random import Random
 
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.theory.search.exact import optimum
+from cubepath.coordinator.theory.search.exact import Parents, back, optimum
 from cubepath.coordinator.theory.search.transitions import Potential, ReachableSites, Transitions
 from cubepath.protocol.core.actions import Action, State
 
@@ -197,7 +197,7 @@ def beam(
     width = random.choices(_BEAM, _OFTEN)[0]
     noise = random.choice((0.5, 3.0, 8.0))
     begin, end = potential.start, potential.goal
-    parents: dict[int, tuple[int, tuple[int, ...]]] = {begin: (begin, ())}
+    parents: Parents = {begin: (begin, ())}
     kept = [(potential.of(begin), begin)]
     best, since = kept[0][0], 0
     for _ in range(most):
@@ -219,18 +219,10 @@ def beam(
                 parents[there] = state, tuple(cube)
                 found[there] = value + sum(changes[number] for number in cube)
                 if there == end:
-                    return _back(parents, there)
+                    return back(parents, there)[::-1]
         kept = sorted((value, state) for state, value in found.items())[:width]
         since = 0 if kept and kept[0][0] < best else since + 1
         if not kept or since > _PATIENCE:
             break
         best = min(best, kept[0][0])
     return None
-
-
-def _back(parents: dict[int, tuple[int, tuple[int, ...]]], state: int) -> Path:
-    path: Path = []
-    while parents[state][1]:
-        state, cube = parents[state]
-        path.append(cube)
-    return path[::-1]

@@ -68,7 +68,7 @@ def _diff(options: argparse.Namespace) -> int:
     if options.format is not None or options.companions:
         option = "--format" if options.companions == [] else "--with"
         raise InputError(f"{option}: expected --same or --homotopic with it")
-    from cubepath.coordinator.tools.comparison.comparing import diff  # noqa: PLC0415 - loads numpy
+    from cubepath.coordinator.tools.comparison.run_comparison import diff  # noqa: PLC0415 - loads numpy
 
     with progress_bar(None, "compare", ""):
         found = diff(

@@ -82,7 +82,7 @@ def add_connect_options(view: argparse.ArgumentParser, more: Any) -> None:
         "--connect",
         metavar="ENDPOINT",
         help="follow a run elsewhere on a page: where the run can be listened to, as it says"
-        " itself, or that of its router",
+        " itself, or that of its router; of linked routers, all to try, separated by commas",
     )
     _add_live(view, "with --connect: serve its page at this port")
     view.add_argument("--run", metavar="RUN", help="with --connect: which run, if several")
@@ -91,14 +91,14 @@ def add_connect_options(view: argparse.ArgumentParser, more: Any) -> None:
 
 def watch_elsewhere(options: argparse.Namespace) -> int:
     """Follow a run elsewhere on a page, until it ends or this is interrupted."""
-    from cubepath.coordinator.tools.live.remote_pages import watch_run  # noqa: PLC0415
+    from cubepath.coordinator.tools.live.remote_pages import RemoteRunPage  # noqa: PLC0415
 
     for name in ("input", "other", "out", "system", "of", "format", "rate"):
         if getattr(options, name):
             option = _OPTIONS.get(name, f"--{name}")
             raise InputError(f"--connect: follows a running run, expected no {option}")
     interrupted = False
-    with watch_run(
+    with RemoteRunPage(
         options.connect, options.run, port=options.live or 0, secure=options.secure
     ) as run:
         late = f" from the end of round {run.begins} on," if run.begins else ""

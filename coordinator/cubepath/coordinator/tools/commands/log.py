@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import select
 import signal
@@ -16,7 +17,14 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands import console, files
-from cubepath.coordinator.commands.usage import add_fields, more_options, number, whole
+from cubepath.coordinator.commands.usage import (
+    above_0,
+    add_fields,
+    add_topics,
+    more_options,
+    number,
+    whole,
+)
 from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
@@ -32,9 +40,7 @@ def add_log_filter(kept: argparse.ArgumentParser) -> None:
     """Add the options of ``log filter``."""
     kept.set_defaults(command=_filter)
     kept.add_argument("log", type=files.input_path, metavar="LOG")
-    kept.add_argument(
-        "-o", "--out", type=files.output_path, required=True, metavar="OUT", help="a new .mcap file"
-    )
+    files.add_out(kept, "OUT", "a new .mcap file", required=True)
     add_selection_options(kept)
 
 
@@ -42,13 +48,11 @@ def add_log_split(split: argparse.ArgumentParser) -> None:
     """Add the options of ``log split``."""
     split.set_defaults(command=_split)
     split.add_argument("log", type=files.input_path, metavar="LOG")
-    split.add_argument(
-        "-o",
-        "--out",
-        type=files.output_path,
+    files.add_out(
+        split,
+        "DIR",
+        "the folder for the parts, LOG-000.mcap and so on; it is made if need be",
         required=True,
-        metavar="DIR",
-        help="the folder for the parts, LOG-000.mcap and so on; it is made if need be",
     )
     ways = split.add_mutually_exclusive_group(required=True)
     ways.add_argument(
@@ -57,13 +61,12 @@ def add_log_split(split: argparse.ArgumentParser) -> None:
     ways.add_argument(
         "--rounds", type=whole(1), metavar="N", help="N rounds in a part; without rounds levels"
     )
-    seconds = number("a number above 0", lambda found: found > 0)
     ways.add_argument(
-        "--seconds", type=seconds, metavar="S", help="S seconds of the wall clock in a part"
+        "--seconds", type=above_0, metavar="S", help="S seconds of the wall clock in a part"
     )
     ways.add_argument(
         "--size",
-        type=seconds,
+        type=above_0,
         metavar="MB",
         help="at most MB megabytes (10^6 bytes) in a part, as a file",
     )
@@ -73,22 +76,12 @@ def add_log_merge(merge: argparse.ArgumentParser) -> None:
     """Add the options of ``log merge``."""
     merge.set_defaults(command=_merge)
     merge.add_argument("logs", nargs="+", type=files.input_path, metavar="LOG")
-    merge.add_argument(
-        "-o", "--out", type=files.output_path, required=True, metavar="OUT", help="a new .mcap file"
-    )
+    files.add_out(merge, "OUT", "a new .mcap file", required=True)
 
 
 def add_selection_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say which messages of a recording are taken."""
-    for name, what in (("topics", "take only"), ("exclude", "leave out")):
-        parser.add_argument(
-            f"--{name}",
-            action="append",
-            default=[],
-            metavar="GLOB",
-            help=f"{what} messages whose topic KIND/SENDER, or whose kind, this matches, as"
-            " 'report*' or '*/process_3'; may be given again",
-        )
+    add_topics(parser)
     for name, what in (("from", "first"), ("until", "last")):
         parser.add_argument(
             f"--{name}",
@@ -172,14 +165,12 @@ def add_log_export(export: argparse.ArgumentParser) -> None:
     """Add the options of ``log export``."""
     export.set_defaults(command=_export)
     export.add_argument("log", type=files.input_path, metavar="LOG")
-    export.add_argument(
-        "-o",
-        "--out",
-        type=files.output_path,
-        default=STANDARD_OUTPUT,
-        metavar="OUT",
-        help="a file whose suffix says the form: .csv, .parquet, .json, .jsonl, .mcap or .rrd; by"
+    files.add_out(
+        export,
+        "OUT",
+        "a file whose suffix says the form: .csv, .parquet, .json, .jsonl, .mcap or .rrd; by"
         " default standard output, as CSV, or with --json as one JSON list",
+        default=STANDARD_OUTPUT,
     )
     export.add_argument(
         "--format",
@@ -252,7 +243,6 @@ def _export(options: argparse.Namespace) -> int:
 
 
 _LOOK_S = 0.2
-_above_0 = number("a number above 0", lambda each: each > 0)
 
 
 def add_log_record(record: argparse.ArgumentParser) -> None:
@@ -262,47 +252,33 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
         "--connect",
         required=True,
         metavar="ENDPOINT",
-        help="where the run can be listened to: as it says itself, or that of its router",
+        help="where the run can be listened to: as it says itself, or that of its router; of linked"
+        " routers, all to try, separated by commas",
     )
     record.add_argument("--run", metavar="RUN", help="which run, if there are several")
-    record.add_argument(
-        "-o",
-        "--out",
-        type=files.output_path,
-        metavar="LOG.mcap",
-        help="recording to write (default: a new file in logs/)",
-    )
-    record.add_argument(
-        "--topics",
-        action="append",
-        default=[],
-        metavar="GLOB",
-        help="record these alone, as 'bundle/*' or 'ready'; may be given several times",
-    )
-    record.add_argument(
-        "--exclude", action="append", default=[], metavar="GLOB", help="leave these topics out"
-    )
+    files.add_out(record, "LOG.mcap", "recording to write (default: a new file in logs/)")
+    add_topics(record)
     record.add_argument(
         "--size",
-        type=_above_0,
+        type=above_0,
         metavar="MB",
         help="start a new file, LOG-001.mcap and so on, every MB megabytes (10^6 bytes)",
     )
     record.add_argument(
-        "--seconds", type=_above_0, metavar="S", help="start a new file every S seconds"
+        "--seconds", type=above_0, metavar="S", help="start a new file every S seconds"
     )
     record.add_argument(
         "--snapshot",
-        type=_above_0,
+        type=above_0,
         metavar="S",
         help="keep the last S seconds in memory, and write them to LOG-000.mcap and so on whenever"
         " asked: by SIGUSR1, the key Enter, or a zenoh query",
     )
-    record.add_argument("--timeout", type=_above_0, metavar="S", help="leave after S seconds")
+    record.add_argument("--timeout", type=above_0, metavar="S", help="leave after S seconds")
     more = more_options(record)
     more.add_argument(
         "--max-cache",
-        type=_above_0,
+        type=above_0,
         default=100.0,
         metavar="MB",
         help="let at most MB megabytes wait to be written, or be kept (default 100)",
@@ -310,15 +286,15 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
     add_fields(more, RunOptions, "secure")
     more.add_argument(
         "--patience",
-        type=_above_0,
+        type=above_0,
         default=10.0,
         metavar="SECONDS",
-        help="give up when no run is there for this long (default 10)",
+        help="give up when no run or router is there for this long (default 10)",
     )
 
 
 def _record(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.tools.recorder.recorder import record  # noqa: PLC0415
+    from cubepath.coordinator.tools.recorder.recorder import Recorder  # noqa: PLC0415
 
     files.check_files(options, [], files.Output(options.out, (".mcap",)))
     if options.out is not None and options.out.is_file():
@@ -327,9 +303,17 @@ def _record(options: argparse.Namespace) -> int:
         if options.snapshot is not None and given is not None:
             raise InputError(f"--snapshot: each snapshot is one file, expected no --{name}")
     interrupted = False
+    recorders: list[Recorder] = []
+
+    def ask(*_: object) -> None:
+        if recorders:
+            recorders[0].request_snapshot()
+        else:
+            console.complain("no run yet: there is nothing to write")
+
     with (
-        _signalled(lambda *_: console.complain("no run yet: there is nothing to write")),
-        record(
+        _signalled(ask),
+        Recorder(
             options.connect,
             options.out,
             run=options.run,
@@ -344,10 +328,11 @@ def _record(options: argparse.Namespace) -> int:
             say=console.complain,
         ) as recorder,
     ):
+        recorders.append(recorder)
         console.complain(f"recording run {recorder.run}")
+        typed = options.snapshot is not None and sys.stdin is not None and sys.stdin.isatty()
         try:
-            with _asking(recorder, snapshots=options.snapshot is not None) as look:
-                _wait(recorder, options.timeout, look)
+            _wait(recorder, options.timeout, typed=typed)
         except KeyboardInterrupt:
             interrupted = True
     console.answer(options, _document(recorder), console.table(_rows(recorder)))
@@ -359,35 +344,14 @@ def _record(options: argparse.Namespace) -> int:
     return console.FAILED if recorder.ended == "router gone" else console.DONE
 
 
-def _wait(recorder: Recorder, duration_s: float | None, look: Callable[[], None]) -> None:
-    until = None if duration_s is None else time.monotonic() + duration_s
-    while not recorder.wait(_LOOK_S if until is None else min(_LOOK_S, _left(until))):
-        if until is not None and time.monotonic() >= until:
-            return
-        look()
-
-
-def _left(until: float) -> float:
-    return max(0.0, until - time.monotonic())
-
-
-@contextmanager
-def _asking(recorder: Recorder, *, snapshots: bool) -> Generator[Callable[[], None]]:
-    """Have SIGUSR1 ask for a snapshot; yield what looks whether the keyboard does."""
-
-    def ask(_number: int, _frame: FrameType | None) -> None:
-        recorder.request_snapshot()
-
-    typed = snapshots and sys.stdin is not None and sys.stdin.isatty()
-
-    def look() -> None:
+def _wait(recorder: Recorder, duration_s: float | None, *, typed: bool) -> None:
+    """Wait until the recorder has ended, or for this long; Enter asks for a snapshot if `typed`."""
+    until = math.inf if duration_s is None else time.monotonic() + duration_s
+    while (left := until - time.monotonic()) > 0 and not recorder.wait(min(_LOOK_S, left)):
         if typed and select.select([0], [], [], 0)[0]:
             with contextlib.suppress(OSError):
                 os.read(0, 1 << 10)
             recorder.request_snapshot()
-
-    with _signalled(ask):
-        yield look
 
 
 @contextmanager
@@ -413,12 +377,12 @@ def _document(recorder: Recorder) -> dict[str, object]:
 
 def _rows(recorder: Recorder) -> list[tuple[str, object]]:
     lost = recorder.lost
-    told = ", ".join(f"{count} of {each}" for each, count in lost.items())
+    losses = ", ".join(f"{count} of {each}" for each, count in lost.items())
     return [
         ("run", recorder.run),
         ("messages", recorder.messages),
         ("ended", recorder.ended),
-        ("lost", told or "none detected"),
+        ("lost", losses or "none detected"),
         *([("cut off", f"{recorder.cut_off} times")] if recorder.cut_off else []),
         *(("log", path) for path in recorder.logs),
     ]

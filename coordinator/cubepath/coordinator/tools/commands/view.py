@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from cubepath.coordinator.commands.console import DONE, answer, complain, progress_bar
-from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
+from cubepath.coordinator.commands.files import Output, add_out, check_files, input_path
 from cubepath.coordinator.commands.path_options import INPUT_HELP, add_plan_options, hints, solved
 from cubepath.coordinator.commands.usage import more_options, number
 from cubepath.coordinator.tools.commands.live import (
@@ -97,8 +97,8 @@ def _branches(drawn: DrawingInput) -> list[Mark]:
 
 def _differences(both: Sequence[DrawingInput]) -> list[list[Mark]]:
     """Return for each of two runs where they differ first, as `cubepath diff` finds it."""
-    from cubepath.coordinator.tools.comparison.comparing import diff  # noqa: PLC0415
     from cubepath.coordinator.tools.comparison.moves import first_other  # noqa: PLC0415
+    from cubepath.coordinator.tools.comparison.run_comparison import diff  # noqa: PLC0415
 
     a, b = (each.recording for each in both)
     if a is None or b is None:
@@ -120,8 +120,12 @@ def _differences(both: Sequence[DrawingInput]) -> list[list[Mark]]:
         if each is not None:
             kinds.setdefault((each.round, each.module), []).append(kind)
     marks = [
-        (step, f"first difference: {_listed(what)}" + ("" if who is None else f" of module {who}"))
-        for (step, who), what in kinds.items()
+        (
+            step,
+            f"first difference: {_listed(what)}"
+            + ("" if module is None else f" of module {module}"),
+        )
+        for (step, module), what in kinds.items()
     ]
     return [[mark for mark in marks if mark[0] <= len(each.steps)] for each in both]
 
@@ -201,12 +205,10 @@ def add_view(view: argparse.ArgumentParser) -> None:
         metavar="OTHER",
         help="another run or path, to show next to the first in a browser (.html)",
     )
-    view.add_argument(
-        "-o",
-        "--out",
-        type=output_path,
-        metavar="PICTURE",
-        help="file to write: .png, .svg, .pdf, .gif for a film, or .html to play it in a browser"
+    add_out(
+        view,
+        "PICTURE",
+        "file to write: .png, .svg, .pdf, .gif for a film, or .html to play it in a browser"
         " (default: INPUT with .png)",
     )
     view.add_argument(
@@ -279,14 +281,32 @@ def _numbers(text: str) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _sheet(options: argparse.Namespace, path: Path, what: str | None) -> Sheet:
-    """Return how a picture is set out; InputError for what a film or a page does not have."""
+_FOR = {
+    "rate": "film",
+    "other": "page",
+    **dict.fromkeys(("states", "title", "caption", "parts", "zoom"), "picture"),
+}
+"""The options that only one kind of output has, each with that kind."""
+
+
+def _check_kind(options: argparse.Namespace, path: Path, kind: str) -> None:
+    """Refuse what a film, a page or a picture does not have; InputError."""
+    for name, due in _FOR.items():
+        if getattr(options, name) is not None and kind != due:
+            option = {"states": "--rounds", "other": "OTHER"}.get(name, f"--{name}")
+            raise InputError(f"{path}: a {kind}, expected {option} with a {due} alone")
+    if options.what == "both" and kind != "film":
+        raise InputError(f"{path}: a {kind}, expected --what both with a film alone")
+    if options.dark and kind == "page":
+        raise InputError(
+            f"{path}: a page, which is dark where its reader prefers that: expected no --dark"
+        )
+
+
+def _sheet(options: argparse.Namespace) -> Sheet:
+    """Return how a picture is set out."""
     from cubepath.coordinator.runs.drawing import Sheet  # noqa: PLC0415
 
-    for name in ("states", "title", "caption", "parts", "zoom") if what else ():
-        if getattr(options, name) is not None:
-            option = "rounds" if name == "states" else name
-            raise InputError(f"{path}: {what}, expected --{option} with a picture alone")
     return Sheet(
         states=options.states,
         title=options.title,
@@ -315,28 +335,17 @@ def _view_path(options: argparse.Namespace) -> int:
     if options.out is None and options.input == STANDARD_INPUT:
         raise InputError("standard input: has no name for a picture, expected -o PICTURE")
     path: Path = options.out or options.input.with_suffix(".png")
-    film, page = path.suffix.lower() in FILM_SUFFIXES, path.suffix.lower() in PAGE_SUFFIXES
+    suffix = path.suffix.lower()
+    kind = "film" if suffix in FILM_SUFFIXES else "page" if suffix in PAGE_SUFFIXES else "picture"
     suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES, *PAGE_SUFFIXES)
     check_files(options, [options.input, options.other, options.of], Output(path, suffixes))
-    if options.rate is not None and not film:
-        what = "a page" if page else "a picture"
-        raise InputError(f"{path}: {what}, expected --rate with a film (.gif) alone")
-    if options.what == "both" and not film:
-        what = "a page" if page else "a picture"
-        raise InputError(f"{path}: {what}, expected --what both with a film (.gif) alone")
-    if page and options.dark:
-        raise InputError(
-            f"{path}: a page, which is dark where its reader prefers that: expected no --dark"
-        )
-    sheet = _sheet(options, path, "a film" if film else "a page" if page else None)
-    if options.other is not None and not page:
-        raise InputError(f"{path}: shows one run, expected a page (.html) for two")
+    _check_kind(options, path, kind)
     both = _inputs(options)
     drawn = both[0]
-    if page:
+    if kind == "page":
         write_page(both, path)
         return _written(options, both, path, "page")
-    if film:
+    if kind == "film":
         _film(options, drawn, path)
     else:
         cubes, found = drawn.schedule()
@@ -349,7 +358,7 @@ def _view_path(options: argparse.Namespace) -> int:
                 found=found,
                 step_name=drawn.step_name,
                 what="schedule" if options.what == "schedule" else "run",
-                sheet=sheet,
+                sheet=_sheet(options),
             )
     return _written(options, [drawn], path, "picture")
 
@@ -363,7 +372,9 @@ def _scene_in(path: Path) -> Scene | None:
     name = spec.partition(":")[0]
     # Families of other distributions are not loaded for what is a file.
     there = os.path.exists(spec)  # noqa: PTH110 - never raises
-    named = spec.endswith(".toml") or (not there and sound_family(name) is not None)
+    named = spec.endswith(".toml") or (
+        not there and (name.endswith(".toml") or sound_family(name) is not None)
+    )
     return scene_from_spec(spec) if named else None
 
 
@@ -386,7 +397,8 @@ def _view_scene(options: argparse.Namespace, scene: Scene) -> int:
         suffixes = ", ".join(PICTURE_SUFFIXES)
         raise InputError(f"{path}: {source} is a scene without a run, expected {suffixes}")
     check_files(argparse.Namespace(system=str(source)), [], Output(path, PICTURE_SUFFIXES))
-    scene_picture(scene, path, sheet=_sheet(options, path, None))
+    with progress_bar(None, "draw", ""):
+        scene_picture(scene, path, sheet=_sheet(options))
     answer(
         options, {"system": scene.spec, "picture": str(path)}, f"written to {visible(str(path))}"
     )
@@ -464,11 +476,12 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> DrawingInput:
             f"{file.path}: a recording, which says itself what its system is: expected no --system,"
             " --format or --with"
         )
-    with progress_bar(None, "read", ""):
+    with progress_bar(None, "read", "") as bar:
         recording = read_recording(file)
-    for problem in recording.problems:
-        complain(f"{file.path}: {problem}; drawing what could be read")
-    gatherer = gathered_in_full(recording)
+        bar.clear()
+        for problem in recording.problems:
+            complain(f"{file.path}: {problem}; drawing what could be read")
+        gatherer = gathered_in_full(recording)
     if recording.problems and gatherer.unfinished is not None:
         complain(f"{file.path}: {gatherer.unfinished}; nothing is drawn from there on")
     steps = [step.actions for step in gatherer.steps]

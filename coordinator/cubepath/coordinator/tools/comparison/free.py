@@ -20,14 +20,8 @@ from cubepath.coordinator.tools.comparison.free_run import (
     ShownInTurn,
 )
 from cubepath.coordinator.tools.comparison.moves import advance, compare_paths, named, states_text
-from cubepath.coordinator.tools.comparison.playing import (
-    ReplayedChoice,
-    RuleReplayer,
-    RuleSource,
-    way_of,
-)
-from cubepath.coordinator.tools.comparison.reasons import NOT_BY_RULE, only_cause, value_text
-from cubepath.coordinator.tools.comparison.told import (
+from cubepath.coordinator.tools.comparison.reasons import AskedRule, causes_of, value_text
+from cubepath.coordinator.tools.comparison.results import (
     NAMES,
     Cause,
     ChoiceContext,
@@ -36,6 +30,12 @@ from cubepath.coordinator.tools.comparison.told import (
     MoveDifference,
     PathComparison,
     RunComparison,
+)
+from cubepath.coordinator.tools.comparison.rule_replay import (
+    ReplayedChoice,
+    RuleReplayer,
+    RuleSource,
+    way_of,
 )
 from cubepath.coordinator.verification.choices import Observing
 from cubepath.protocol.core.actions import Action
@@ -79,7 +79,6 @@ def compare_free(a: Recording, b: Recording) -> RunComparison:
         notes=tuple(notes),
         choice=choice,
         move=_first_move(runs, same) if pairs else None,
-        parted=_parted(pairs),
         # Where commits are only missing, levels do not tell how far a run had come.
         states=tuple(_states(runs)) if whole else (),
         rounds=tuple(_levels(runs)) if whole else (),
@@ -201,18 +200,9 @@ def _place(pair: _Pair) -> tuple[int, int, int]:
     return min(each.place for each in pair if each is not None)
 
 
-def _parted(pairs: list[_Pair]) -> dict[int, int]:
-    """Return by module the level of the first commit that differs, of those that come first."""
-    found: dict[int, int] = {}
-    for pair in pairs:
-        level, module, _ = _place(pair)
-        found.setdefault(module, level)
-    return found
-
-
 def _ends(runs: tuple[CommitGraph, CommitGraph]) -> tuple[str, str] | None:
-    told = ["not on record" if run.summary is None else run.summary.ended for run in runs]
-    return (told[0], told[1]) if told[0] != told[1] else None
+    endings = ["not on record" if run.summary is None else run.summary.ended for run in runs]
+    return (endings[0], endings[1]) if endings[0] != endings[1] else None
 
 
 _Named = tuple[int, str, Site]
@@ -306,6 +296,11 @@ class _Trail:
     refused: str | None
     """Why rules could not be asked."""
 
+    @property
+    def asked(self) -> AskedRule:
+        """Return what its rule chose when it was asked again."""
+        return AskedRule(self.played, self.refused, lambda played: _chosen(played) == self.chosen)
+
 
 def explain_commit(
     runs: tuple[CommitGraph, CommitGraph], pair: _Pair, also: Collection[int]
@@ -357,8 +352,8 @@ def _follow(run: CommitGraph, commit: CommitNode, ways: Sequence[RuleSource]) ->
             refused = f"what it was shown in turn {turn.turn} is not on record"
             inputs.append(None)
             continue
-        told = sorted(shown.told.items())
-        inputs.append((fresh, shown.site, sorted(shown.who.items()), told, shown.register))
+        notes = sorted(shown.received.items())
+        inputs.append((fresh, shown.site, sorted(shown.occupants.items()), notes, shown.register))
         if refused is None:
             played = [_play(observing, player, moved.module, shown) for player in players]
     if turn is None or (turn.epoch, turn.turn) != (moved.epoch, moved.turn):
@@ -416,14 +411,14 @@ def _side(commit: CommitNode | None, trail: _Trail | None) -> ChoiceContext:
     if trail is None or trail.shown is None:
         return ChoiceContext("", {}, {}, chose, level=level)
     shown, played = trail.shown, trail.played[0]
-    told = {**shown.told, **({"its own register": shown.register} if shown.register else {})}
+    notes = {**shown.received, **({"its own register": shown.register} if shown.register else {})}
     by_rule = None
     if played is not None:
         by_rule = chose if _chosen(played) == trail.chosen else "something else"
     drew = None if played is None else played.drew
     doubt = None if played is None else played.doubt
     return ChoiceContext(
-        shown.text, shown.who, told, chose, by_rule, drew, doubt, shown.versions, level
+        shown.text, shown.occupants, notes, chose, by_rule, drew, doubt, shown.versions, level
     )
 
 
@@ -441,36 +436,17 @@ def _causes(
         name = NAMES[0 if a is None else 1]
         return ("unknown",), (*lines, f"{name}: the turn that led to it is not on record")
     lines += _shown(a, b)
-    causes, more = _asked(a, b, changed)
-    return causes, (*lines, *more)
-
-
-def _asked(a: _Trail, b: _Trail, changed: list[str]) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
-    """Return what makes the difference, by what rules chose when they were asked again."""
     everything = [*(["inputs"] if a.inputs != b.inputs else []), *changed]
-    for name, trail in zip(NAMES, (a, b), strict=True):
-        if trail.played[0] is None:
-            why = trail.refused or "its rule could not be asked"
-            return only_cause(everything), (f"{name}: what it drew is not known: {why}",)
-        if _chosen(trail.played[0]) != trail.chosen:
-            return ("record",), (f"{name}: {NOT_BY_RULE}",)
-    enough = {
-        name: found is not None and _chosen(found) == b.chosen
-        for name, found in [*zip(changed, a.played[1:], strict=True), ("inputs", b.played[1])]
-        if name in everything
-    }
-    names: tuple[Cause, ...] = ("inputs", "rule", "seed", "hesitate")
-    causes: tuple[Cause, ...] = tuple(name for name in names if enough.get(name))
-    none: Cause = "together" if everything else "unknown"
-    return causes or (none,), ()
+    causes, more = causes_of(a.asked, b.asked, changed, everything)
+    return causes, (*lines, *more)
 
 
 def _dependencies(one: CommitNode, two: CommitNode) -> Iterator[str]:
     for name, mine, theirs in (("a", one, two), ("b", two, one)):
         alone = sorted(mine.before - theirs.before)
         if alone:
-            told = ", ".join(f"commit {number} of module_{module}" for module, number in alone)
-            yield f"in {name} alone it comes after {told}"
+            commits = ", ".join(f"commit {number} of module_{module}" for module, number in alone)
+            yield f"in {name} alone it comes after {commits}"
 
 
 def _shown(a: _Trail, b: _Trail) -> Iterator[str]:
@@ -480,20 +456,24 @@ def _shown(a: _Trail, b: _Trail) -> Iterator[str]:
     if len(a.inputs) != len(b.inputs):
         asked = counted(len(a.inputs), "time")
         yield f"its rule was asked {asked} in a and {len(b.inputs)} in b until then"
-    if one.who == two.who and one.told == two.told and one.register == two.register:
+    if (
+        one.occupants == two.occupants
+        and one.received == two.received
+        and one.register == two.register
+    ):
         yield "it was shown the same in the turn that led there"
         return
-    for place in sorted({*one.who, *two.who}):
-        told = [
-            f"{each.who[place]} (version {each.versions[place]})"
-            if place in each.who
+    for place in sorted({*one.occupants, *two.occupants}):
+        texts = [
+            f"{each.occupants[place]} (version {each.versions[place]})"
+            if place in each.occupants
             else "not sensed"
             for each in (one, two)
         ]
-        if one.who.get(place) != two.who.get(place):
-            yield f"at {place}: {told[0]} in a, {told[1]} in b"
-    for who in sorted({*one.told, *two.told}):
-        notes = [each.told.get(who, "nothing") for each in (one, two)]
+        if one.occupants.get(place) != two.occupants.get(place):
+            yield f"at {place}: {texts[0]} in a, {texts[1]} in b"
+    for who in sorted({*one.received, *two.received}):
+        notes = [each.received.get(who, "nothing") for each in (one, two)]
         if notes[0] != notes[1]:
             yield f"{who} says: {notes[0]} in a, {notes[1]} in b"
     if one.register != two.register:

@@ -57,13 +57,13 @@ class CommitNode:
 
     def text(self) -> str:
         """Return it in words."""
-        moved, told = self.moved, [self.move] if self.move is not None else []
-        told += [
+        moved, parts = self.moved, [self.move] if self.move is not None else []
+        parts += [
             f"module_{module} notes {list(note)}"
             for _, module, _, note in moved.notes
             if note is not None
         ]
-        return ", ".join(told) or "holds registers"
+        return ", ".join(parts) or "holds registers"
 
 
 class CommitGraph:
@@ -227,10 +227,10 @@ class CommitGraph:
                 if there is None:
                     return None
                 found.versions[site_text(near)] = version
-                found.who[site_text(near)] = "empty"
+                found.occupants[site_text(near)] = "empty"
                 if there.site is not None:
                     found.standing[near] = there.site
-                    found.who[site_text(near)] = f"module_{there.module}"
+                    found.occupants[site_text(near)] = f"module_{there.module}"
             for near, (version, own) in zip(system.reach(place), turn.received, strict=False):
                 there = history.at_place(near, version)
                 if there is None:
@@ -238,7 +238,7 @@ class CommitGraph:
                 other = None if there.module is None else history.module(there.module, own)
                 if other is not None and other.note:
                     found.notes[near] = other.note
-                    found.told[f"module_{there.module} at {site_text(near)}"] = list(other.note)
+                    found.received[f"module_{there.module} at {site_text(near)}"] = list(other.note)
         except NO_SITE:
             return None
         return found
@@ -246,14 +246,14 @@ class CommitGraph:
 
 @dataclass(frozen=True)
 class ShownInTurn:
-    """What a rule was shown in a turn; in words, `who` is where, and `told` what each one sends."""
+    """What a rule was shown in a turn; in words, `occupants` of places and notes `received`."""
 
     site: Site
     register: Register
     standing: dict[Site, Site]
     notes: dict[Site, Register]
-    who: dict[str, str]
-    told: dict[str, list[int]]
+    occupants: dict[str, str]
+    received: dict[str, list[int]]
     versions: dict[str, int]
 
     @property
@@ -263,7 +263,7 @@ class ShownInTurn:
 
 
 class _Links:
-    """Who wrote and read which version so far."""
+    """Which modules wrote and read which version so far."""
 
     def __init__(self) -> None:
         self._wrote: dict[tuple[object, int], int] = {}

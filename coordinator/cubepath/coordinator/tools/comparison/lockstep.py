@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 from cubepath.coordinator.tools.comparison.moves import Path, Reading, action_text, start_of
-from cubepath.coordinator.tools.comparison.told import (
+from cubepath.coordinator.tools.comparison.results import (
     DifferingRounds,
     MessageDifference,
     MoveDifference,
@@ -148,22 +148,22 @@ class SideBySide:
     def _alone(self, one: _Numbered | None, two: _Numbered | None) -> None:
         """Take the moves of a round that the other run does not have, if that had ended."""
         side = int(one is None)
-        number, said = one or two or (0, RecordedRound())
+        number, recorded = one or two or (0, RecordedRound())
         self.found.followed = self.readings[1 - side].ended
         if not self.found.followed or number < self._asked.first:
             return
         self.broken = self.broken or bool(self._due and number != self._due)
         self._due = number + 1
-        for report in said.reports.values():
+        for report in recorded.reports.values():
             self.paths[side].add(number, report)
-        self._states.move(number, *(said.reports if n == side else {} for n in (0, 1)))
+        self._states.move(number, *(recorded.reports if n == side else {} for n in (0, 1)))
 
     def _round(self, number: int, a: RecordedRound, b: RecordedRound) -> None:
         if number != self._due:
             self._since = number
             one, two = (
-                start_of(reading, number, said)
-                for reading, said in zip(self.readings, (a, b), strict=True)
+                start_of(reading, number, recorded)
+                for reading, recorded in zip(self.readings, (a, b), strict=True)
             )
             self._states.place(one, two, number - 1)
         self._due = number + 1
@@ -177,14 +177,16 @@ class SideBySide:
             self.broken = True
             self._states.note(number - 1)
         add_to_spans(self.found.compared, number)
-        for reading, present, said in zip(self.readings, self.found.present, (a, b), strict=True):
+        for reading, present, recorded in zip(
+            self.readings, self.found.present, (a, b), strict=True
+        ):
             if reading.partial:
-                present.update(kind for kind, _ in said.said)
-                present.update(("report",) if said.edges is None else ("report", "edges"))
-        if a.said != b.said or a.reports != b.reports or a.edges != b.edges:
+                present.update(kind for kind, _ in recorded.messages)
+                present.update(("report",) if recorded.edges is None else ("report", "edges"))
+        if a.messages != b.messages or a.reports != b.reports or a.edges != b.edges:
             self._differ(number, a, b)
-        for side, said in enumerate((a, b)):
-            for report in said.reports.values():
+        for side, recorded in enumerate((a, b)):
+            for report in recorded.reports.values():
                 self.paths[side].add(number, report)
         self._states.move(number, a.reports, b.reports)
         self._states.note(number)
@@ -192,12 +194,12 @@ class SideBySide:
     def _differ(self, number: int, a: RecordedRound, b: RecordedRound) -> None:
         """Take down what differs in a round in which something does."""
         found = self.found
-        lists = _said(a), _said(b)
+        lists = _messages(a), _messages(b)
         different = [
             key
             for key in sorted({*lists[0], *lists[1]}, key=_place)
             if not self._is_lacking(number, key, lists)
-            and _told(lists[0].get(key)) != _told(lists[1].get(key))
+            and _content(lists[0].get(key)) != _content(lists[1].get(key))
         ]
         if different and found.message is None:
             found.message = _message(number, different[0], lists)
@@ -207,11 +209,15 @@ class SideBySide:
             found.moved_apart = dict(self._states.moved_apart)
         self._moves(number, a, b)
 
-    def _is_lacking(self, number: int, key: tuple[str, int], lists: tuple[_Said, _Said]) -> bool:
+    def _is_lacking(
+        self, number: int, key: tuple[str, int], lists: tuple[_Messages, _Messages]
+    ) -> bool:
         """Return whether a message is missing in a recording with gaps."""
-        for reading, said, lacking in zip(self.readings, lists, self.found.lacking, strict=True):
+        for reading, messages, lacking in zip(
+            self.readings, lists, self.found.lacking, strict=True
+        ):
             # The edges come after the round, which may have been the last one.
-            if key not in said and (key[0] == "edges" or reading.lacks(number)):
+            if key not in messages and (key[0] == "edges" or reading.lacks(number)):
                 lacking.add(key[0])
                 return True
         return False
@@ -231,8 +237,8 @@ class SideBySide:
                 found.choices.setdefault(module, number - 1)
         for module in sorted(a.reports.keys() & b.reports.keys()):
             if any(
-                _claim_is_lost(said, module) and reading.lacks(number)
-                for reading, said in zip(self.readings, (a, b), strict=True)
+                _claim_is_lost(recorded, module) and reading.lacks(number)
+                for reading, recorded in zip(self.readings, (a, b), strict=True)
             ):
                 continue
             if chosen(a, module) != chosen(b, module):
@@ -328,12 +334,12 @@ def _silent(recording: Recording) -> set[int]:
 
 
 _Numbered = tuple[int, RecordedRound]
-_Said = dict[tuple[str, int], Any]
+_Messages = dict[tuple[str, int], Any]
 
 
-def _said(this: RecordedRound) -> _Said:
+def _messages(this: RecordedRound) -> _Messages:
     """Return the messages of a round, by kind and module."""
-    found: _Said = dict(this.said)
+    found: _Messages = dict(this.messages)
     found.update((("report", module), report) for module, report in this.reports.items())
     if this.edges is not None:
         found["edges", -1] = this.edges
@@ -344,14 +350,16 @@ def _place(key: tuple[str, int]) -> tuple[int, int]:
     return _KINDS.index(key[0]), key[1]
 
 
-def _told(message: Any) -> dict[str, Any] | None:
+def _content(message: Any) -> dict[str, Any] | None:
     """Return the fields of a message."""
     return None if message is None else msgspec.to_builtins(message)
 
 
-def _message(number: int, key: tuple[str, int], lists: tuple[_Said, _Said]) -> MessageDifference:
+def _message(
+    number: int, key: tuple[str, int], lists: tuple[_Messages, _Messages]
+) -> MessageDifference:
     kind, module = key
-    a, b = (_told(each.get(key)) for each in lists)
+    a, b = (_content(each.get(key)) for each in lists)
     names = [*(a or {}), *(name for name in b or {} if name not in (a or {}))]
     absent = object()
     fields = tuple(
@@ -369,7 +377,7 @@ def chosen(this: RecordedRound, module: int) -> tuple[Chosen, str | None]:
 
     A claim that nobody could receive was not sent; of that the report tells, if it was granted.
     """
-    claim, report = this.said.get(("claim", module)), this.reports.get(module)
+    claim, report = this.messages.get(("claim", module)), this.reports.get(module)
     failed = None if report is None else report.failed
     if isinstance(claim, Claim):
         return (claim.generator, claim.at), failed
@@ -380,14 +388,14 @@ def chosen(this: RecordedRound, module: int) -> tuple[Chosen, str | None]:
 
 def note_of(this: RecordedRound, module: int) -> tuple[int, ...] | None:
     """Return the note that a module sent in a round."""
-    note = this.said.get(("note", module))
+    note = this.messages.get(("note", module))
     return tuple(note.note) if isinstance(note, Note) else None
 
 
 def _claim_is_lost(this: RecordedRound, module: int) -> bool:
     """Return whether a module claimed what is not recorded, and did not come to do it."""
     report = this.reports[module]
-    return ("claim", module) not in this.said and report.claim != "none" and report.move is None
+    return ("claim", module) not in this.messages and report.claim != "none" and report.move is None
 
 
 def _outcome(this: RecordedRound, module: int) -> str | None:

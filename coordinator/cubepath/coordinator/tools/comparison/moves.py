@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.shortening.path_input import PathInput, read_input, starts_to_compare
-from cubepath.coordinator.tools.comparison.told import MoveDifference, PathComparison
+from cubepath.coordinator.tools.comparison.results import MoveDifference, PathComparison
 from cubepath.coordinator.verification.choices import Moment
 from cubepath.coordinator.verification.dependencies import difference, label_of
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans
@@ -68,10 +68,10 @@ class Reading:
         self.first = _first_whole(recording, self.partial) if first is None else first
         self.spans: list[Span] = []
         """The whole rounds, as far as it was read."""
-        told = recording.parameters
-        self.by_kind = any(word in told.get(FILTERED, "") for word in ("topics", "without")) or any(
-            key in told for key in LEFT_OUT
-        )
+        parameters = recording.parameters
+        self.by_kind = any(
+            word in parameters.get(FILTERED, "") for word in ("topics", "without")
+        ) or any(key in parameters for key in LEFT_OUT)
         """Whether messages of some kinds were left out."""
         self.odd: list[str] = []
         """What is odd, without anything being derived: the first lines."""
@@ -101,9 +101,9 @@ class Reading:
         blocks = self.recording.blocks() if self._in_order else [(self.recording.records, inf)]
         for records, least in blocks:
             self._sorting.take(records)
-            for number, said in self._sorting.close(least):
+            for number, recorded in self._sorting.close(least):
                 add_to_spans(self.spans, number)
-                yield number, said
+                yield number, recorded
         self._sorting.end()
 
     def lacks(self, number: int) -> bool:
@@ -121,23 +121,23 @@ class Reading:
         return found.summary is not None and found.summary.rounds == found.complete_rounds
 
 
-def start_of(reading: Reading, number: int, said: RecordedRound) -> tuple[Site, ...]:
+def start_of(reading: Reading, number: int, recorded: RecordedRound) -> tuple[Site, ...]:
     """Return where modules stand when a round begins: at the start, or else by their own word."""
     scene = reading.recording.scene
     if number == 1:
         return scene.start
-    told = (said.reports[module].before for module in range(len(scene.start)))
+    reported = (recorded.reports[module].before for module in range(len(scene.start)))
     return tuple(
-        there if site is None else site for site, there in zip(told, scene.start, strict=True)
+        there if site is None else site for site, there in zip(reported, scene.start, strict=True)
     )
 
 
 def cut_text(recording: Recording) -> str | None:
     """Return in words which messages a recording has of a run; None if none were left out."""
-    told, whole = recording.parameters, whole_of(recording)
-    how = [f"filtered: {told[FILTERED]}"] if FILTERED in told else []
-    how += [f"part {told[SPLIT]}"] if SPLIT in told else []
-    left = [f"{key} {told[key]}" for key in LEFT_OUT if key in told]
+    parameters, whole = recording.parameters, whole_of(recording)
+    how = [f"filtered: {parameters[FILTERED]}"] if FILTERED in parameters else []
+    how += [f"part {parameters[SPLIT]}"] if SPLIT in parameters else []
+    left = [f"{key} {parameters[key]}" for key in LEFT_OUT if key in parameters]
     if whole is None and not left:
         return None
     what = "not all" if whole is None else f"{len(recording.records)} of {whole}"
@@ -159,7 +159,7 @@ def _first_whole(recording: Recording, partial: bool) -> int:  # noqa: FBT001 - 
             known.setdefault(report.round, set()).add(report.module)
             if len(known.get(1, ())) == everyone:
                 return 1
-    return min((number for number, who in known.items() if len(who) == everyone), default=1)
+    return min((number for number, modules in known.items() if len(modules) == everyone), default=1)
 
 
 def moments(reading: Reading) -> Iterator[Moment]:
@@ -171,13 +171,13 @@ def moments(reading: Reading) -> Iterator[Moment]:
     scene = reading.recording.scene
     sites = list(scene.start)
     due = 0
-    for number, said in reading.rounds():
+    for number, recorded in reading.rounds():
         if number != due:
-            sites = list(start_of(reading, number, said))
+            sites = list(start_of(reading, number, recorded))
         due = number + 1
         where = f"round {number}, module_"
         motion: dict[Site, Site] = {}
-        for module, report in said.reports.items():
+        for module, report in recorded.reports.items():
             if report.before != sites[module]:
                 stood = site_text(sites[module])
                 raise Contradiction(f"{where}{module}: its moves lead to {stood}, not to its word")
@@ -190,7 +190,7 @@ def moments(reading: Reading) -> Iterator[Moment]:
             if move is None:
                 raise Contradiction(f"{where}{module}: its move is none from where it stands")
             motion.update(move.motion)
-        yield Moment(number, tuple(sites), frozenset(sites) | scene.system.filled, said)
+        yield Moment(number, tuple(sites), frozenset(sites) | scene.system.filled, recorded)
         sites = [motion.get(site, site) for site in sites]
 
 
@@ -297,12 +297,12 @@ def states_text(a: AbstractSet[Site] | None, b: AbstractSet[Site] | None) -> str
     """Return in one line how two states differ, None if they do not or are not known."""
     if a is None or b is None or a == b:
         return None
-    told = [
+    texts = [
         f"{', '.join(map(site_text, in_order(some)))} in {name} alone"
         for some, name in ((a - b, "a"), (b - a, "b"))
         if some
     ]
-    return f"on are {'; '.join(told)}"
+    return f"on are {'; '.join(texts)}"
 
 
 def scenes_text(a: Scene, b: Scene) -> str | None:

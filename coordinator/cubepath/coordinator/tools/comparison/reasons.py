@@ -5,12 +5,19 @@ then makes it choose as in the other run is the cause. Where a rule cannot be as
 what differs, and not what that caused.
 """
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 from cubepath.coordinator.tools.comparison import moves
 from cubepath.coordinator.tools.comparison.lockstep import ClaimOutcomes
-from cubepath.coordinator.tools.comparison.playing import (
+from cubepath.coordinator.tools.comparison.results import (
+    NAMES,
+    Cause,
+    ChoiceContext,
+    ChoiceDifference,
+    OutcomeDifference,
+)
+from cubepath.coordinator.tools.comparison.rule_replay import (
     ChoiceOnRecord,
     ModuleHistory,
     ReplayedChoice,
@@ -18,13 +25,6 @@ from cubepath.coordinator.tools.comparison.playing import (
     follow,
     seed_at,
     way_of,
-)
-from cubepath.coordinator.tools.comparison.told import (
-    NAMES,
-    Cause,
-    ChoiceContext,
-    ChoiceDifference,
-    OutcomeDifference,
 )
 from cubepath.coordinator.verification.rounds import rank
 from cubepath.coordinator.verification.transcript import RecordedRound
@@ -40,6 +40,7 @@ NOT_BY_RULE = (
     "by its rule as installed it does otherwise, so the rule has changed since, or the record has"
     " ('cubepath verify' checks all of it)"
 )
+_CAUSES: tuple[Cause, ...] = ("inputs", "rule", "seed", "hesitate")
 _WORDS = {"rule": "rule", "seed": "seed", "hesitate": "hesitation", "inputs": "surroundings"}
 
 
@@ -85,7 +86,7 @@ def _side(trail: ModuleHistory) -> ChoiceContext:
     return ChoiceContext(
         site_text(trail.site),
         trail.sensed,
-        trail.told,
+        trail.received,
         _choice_text(recorded),
         by_rule,
         None if played is None else played.drew,
@@ -107,7 +108,6 @@ def _causes(
     since: Mapping[int, int],
     scene: str | None,
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
-    a, b = trails
     begins = min(way.begins for way in ways)
     other_inputs = _first_other(trails, begins)
     lines = list(_surroundings(trails, other_inputs, since, begins))
@@ -117,36 +117,67 @@ def _causes(
     if scene is not None:  # a rule knows of it from birth, and it cannot be exchanged
         lines.append(f"what its rule knows from birth differs as well ({scene})")
         everything.append("scene")
-    played = a.played[0] if a.played else None, b.played[0] if b.played else None
-    if played[0] is None or played[1] is None:
-        for side, trail in enumerate(trails):
-            refused = trail.refused[0] if trail.refused else None
-            if played[side] is None:
-                lines.append(f"{NAMES[side]}: what it drew is not known: {refused or 'not asked'}")
-        # A cause is reported only if nothing else can be it.
-        firsts = [next(iter(trail.inputs)) for trail in trails]
-        if any(first > way.begins for first, way in zip(firsts, ways, strict=True)):
-            everything.append("memory")
-        return only_cause(everything), tuple(lines)
+    # What a rule remembers from rounds that are not on record may differ, too.
+    firsts = [next(iter(trail.inputs)) for trail in trails]
+    if any(first > way.begins for first, way in zip(firsts, ways, strict=True)):
+        everything.append("memory")
+    asked = [
+        AskedRule(trail.played, trail.refused[0] if trail.refused else None, trail.recorded.is_by)
+        for trail in trails
+    ]
+    causes, more = causes_of(asked[0], asked[1], changed, everything)
+    return causes, (*lines, *more)
+
+
+class AskedRule(NamedTuple):
+    """The rule of a module asked again in one of the runs."""
+
+    played: Sequence[ReplayedChoice | None]
+    """What it chose, and with one thing after another of the other run; None if it was not asked"""
+    refused: str | None
+    """Why it could not be asked."""
+    is_by: Callable[[ReplayedChoice], bool]
+    """Returns whether the recorded choice is this."""
+
+
+def causes_of(
+    a: AskedRule, b: AskedRule, changed: list[str], everything: list[str]
+) -> tuple[tuple[Cause, ...], list[str]]:
+    """Return what makes the difference, with lines on it.
+
+    `a` was asked with each of `changed` of `b`, and `b` with what `a` follows, but its own inputs;
+    `everything` is all that differs.
+    """
+    sides = list(zip(NAMES, (a, b), strict=True))
+    first = {name: side.played[0] if side.played else None for name, side in sides}
+    unknown = [
+        f"{name}: what it drew is not known: {side.refused or 'its rule could not be asked'}"
+        for name, side in sides
+        if first[name] is None
+    ]
+    if unknown:  # a cause is reported only if nothing else can be it
+        sole: tuple[Cause, ...] = tuple(name for name in _CAUSES if everything == [name])
+        return sole or ("unknown",), unknown
     forged = [
-        name
-        for name, trail, by_rule in zip(NAMES, trails, played, strict=True)
-        if by_rule is not None and not trail.recorded.is_by(by_rule)
+        f"{name}: {NOT_BY_RULE}"
+        for name, side in sides
+        if (played := first[name]) is not None and not side.is_by(played)
     ]
     if forged:
-        lines += [f"{name}: {NOT_BY_RULE}" for name in forged]
-        return ("record",), tuple(lines)
-    enough = [name for name, found in _exchanged(a, b, changed, other_inputs) if _is(found, b)]
-    causes: list[Cause] = [
-        name for name in ("inputs", "rule", "seed", "hesitate") if name in enough
-    ]
+        return ("record",), forged
+    exchanged = [*zip(changed, a.played[1:], strict=True), ("inputs", b.played[1])]
+    enough = {
+        name
+        for name, played in exchanged
+        if name in everything and played is not None and b.is_by(played)
+    }
+    causes: tuple[Cause, ...] = tuple(name for name in _CAUSES if name in enough)
     if not causes:
-        lines.append("no one of these alone makes the difference" if everything else "")
-        return ("together",) if everything else ("unknown",), tuple(filter(None, lines))
-    if len(everything) > 1:
-        words = " or the ".join(_WORDS[name] for name in causes)
-        lines.append(f"with the {words} of b alone it would choose in a what it chose in b")
-    return tuple(causes), tuple(lines)
+        alone = "no one of these alone makes the difference"
+        return ("together",) if everything else ("unknown",), [alone] if everything else []
+    words = " or the ".join(_WORDS[name] for name in causes)
+    line = f"with the {words} of b alone it would choose in a what it chose in b"
+    return causes, [line] if len(everything) > 1 else []
 
 
 def _hesitations(
@@ -156,25 +187,6 @@ def _hesitations(
         doubt = trail.played[0].doubt if trail.played and trail.played[0] is not None else None
         if doubt is not None and way.hesitate is not None and doubt < way.hesitate:
             yield f"{name} hesitates: {doubt:.4f} is less than {way.hesitate}, so it claims nothing"
-
-
-def only_cause(everything: list[str]) -> tuple[Cause, ...]:
-    """Return the one thing that differs as the cause, and "unknown" if there are others."""
-    names: tuple[Cause, ...] = ("inputs", "rule", "seed", "hesitate")
-    return tuple(name for name in names if everything == [name]) or ("unknown",)
-
-
-def _exchanged(
-    a: ModuleHistory, b: ModuleHistory, changed: list[str], other_inputs: int | None
-) -> Iterator[tuple[str, ReplayedChoice | None]]:
-    """Yield what the module of `a` chooses with one thing of `b`."""
-    yield from zip(changed, a.played[1:], strict=True)
-    if other_inputs is not None:
-        yield "inputs", b.played[1]
-
-
-def _is(found: ReplayedChoice | None, trail: ModuleHistory) -> bool:
-    return found is not None and trail.recorded.is_by(found)
 
 
 def _first_other(trails: tuple[ModuleHistory, ModuleHistory], begins: int) -> int | None:
@@ -208,12 +220,12 @@ def _surroundings(
         yield f"it stands at {site_text(a.site)} in a, and at {site_text(b.site)} in b"
     met: set[int] = set()
     yield from _other_places(a, b, met)
-    for who in sorted({*a.told, *b.told}):
-        notes = [each.told.get(who) for each in (a, b)]
+    for sender in sorted({*a.received, *b.received}):
+        notes = [each.received.get(sender) for each in (a, b)]
         if notes[0] != notes[1]:
             one, two = ("nothing" if each is None else str(each) for each in notes)
-            yield f"{who} says: {one} in a, {two} in b"
-            met.add(_module_in(who))
+            yield f"{sender} says: {one} in a, {two} in b"
+            met.add(_module_in(sender))
     moments = a.moment, b.moment
     for module in sorted(met):
         if all(module < len(each.sites) for each in moments) and since.get(module, now) < now:
@@ -271,7 +283,9 @@ def value_text(value: object) -> str:
 def explain_outcome(found: ClaimOutcomes, a: Recording, b: Recording) -> OutcomeDifference:
     """Explain why a claim was granted in one run alone: by the claims of the round and by ranks."""
     rounds, runs = (found.a, found.b), (a, b)
-    claims = tuple(_claims(said, run.scene.system) for said, run in zip(rounds, runs, strict=True))
+    claims = tuple(
+        _claims(recorded, run.scene.system) for recorded, run in zip(rounds, runs, strict=True)
+    )
     seeds = seed_at(a, found.round), seed_at(b, found.round)
     why: list[str] = []
     for side in (0, 1):
@@ -282,8 +296,8 @@ def explain_outcome(found: ClaimOutcomes, a: Recording, b: Recording) -> Outcome
             why.append("the claims are the same; ranks follow from the seeds, which differ")
         else:
             why.append("claims and seed are the same, so one of the records is wrong")
-    texts = [_outcome_text(said, found.module) for said in rounds]
-    claim = rounds[0].said.get(("claim", found.module))
+    texts = [_outcome_text(recorded, found.module) for recorded in rounds]
+    claim = rounds[0].messages.get(("claim", found.module))
     text = moves.action_text(claim.generator, claim.at) if isinstance(claim, Claim) else "stays"
     return OutcomeDifference(found.round, found.module, text, texts[0], texts[1], tuple(why))
 
@@ -291,9 +305,9 @@ def explain_outcome(found: ClaimOutcomes, a: Recording, b: Recording) -> Outcome
 _Claims = dict[int, tuple[str, Action]]
 
 
-def _claims(said: RecordedRound, system: System) -> _Claims:
+def _claims(recorded: RecordedRound, system: System) -> _Claims:
     found: _Claims = {}
-    for (kind, module), message in said.said.items():
+    for (kind, module), message in recorded.messages.items():
         if kind != "claim" or not isinstance(message, Claim):
             continue
         at: Any = message.at  # what is none is none of the system
@@ -311,7 +325,7 @@ def _same_claims(claims: tuple[_Claims, ...]) -> bool:
 
 
 def _contest(
-    found: ClaimOutcomes, claims: _Claims, said: RecordedRound, seed: int | None
+    found: ClaimOutcomes, claims: _Claims, recorded: RecordedRound, seed: int | None
 ) -> Iterator[str]:
     """Yield who conflicted with a claim, and who of them went before it."""
     module, number = found.module, found.round
@@ -327,7 +341,7 @@ def _contest(
         yield "no other module claims anything that conflicts"
     for rival in rivals:
         what = f"module_{rival} claims {claims[rival][0]}"
-        come = _outcome_text(said, rival)
+        come = _outcome_text(recorded, rival)
         if seed is None:
             yield f"{what}, which conflicts, and is {come}"
             continue
@@ -336,6 +350,6 @@ def _contest(
         yield f"{what}, which conflicts, {order}, and is {come}"
 
 
-def _outcome_text(said: RecordedRound, module: int) -> str:
-    report = said.reports.get(module)
+def _outcome_text(recorded: RecordedRound, module: int) -> str:
+    report = recorded.reports.get(module)
     return "not reported" if report is None else report.claim

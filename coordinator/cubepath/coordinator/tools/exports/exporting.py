@@ -114,7 +114,7 @@ def _check_there(recording: Recording, name: str) -> None:
     left = cutting.left_out(recording) or any(key in recording.parameters for key in LEFT_OUT)
     if kinds is None or not left or next(recording.of_kind(*kinds), None) is not None:
         return
-    why = [f"{key} {told}" for key, told in recording.parameters.items() if key in _WHY]
+    why = [f"{key} {value}" for key, value in recording.parameters.items() if key in _WHY]
     raise InputError(
         f"{recording.path}: no {' or '.join(kinds)} on record, expected some for table {name}"
         f" ({'; '.join(why)})"

@@ -8,7 +8,8 @@ last some time, or the wall clock.
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from importlib import import_module
 from itertools import chain
 from math import cos, isfinite, pi, sin
@@ -16,9 +17,11 @@ from types import ModuleType
 from typing import IO, Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
+import numpy as np
 
-from cubepath.agents.rendering.pictures import colours, solid_of
-from cubepath.agents.rendering.style import GOAL, INK, WALL, Colour, Solid
+from cubepath.agents.rendering.pictures import colours, solid_of, way_of
+from cubepath.agents.rendering.style import GOAL, INK, WALL, Colour, Solid, parts_of
+from cubepath.agents.rendering.ways import Leg, along
 from cubepath.coordinator.runs.states import RunState, states_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
@@ -37,7 +40,6 @@ FRAME = "robot"
 TOPICS: Mapping[str, str] = {
     "/robot/ground": "SceneUpdate",
     "/robot/modules": "SceneUpdate",
-    "/robot/poses": "PosesInFrame",
     "/tf": "FrameTransforms",
 }
 """The topics and the schemas of their messages."""
@@ -69,7 +71,8 @@ class SceneEncoder:
         """Begin with nothing encoded; InputError if the library is missing."""
         self._scene = scene
         self._messages: Any = library()
-        self._solids_at: dict[Site, Solid | None] = {}
+        self.body = cache(partial(solid_of, scene))
+        """Returns what stands at a site."""
         self._resting: dict[int, tuple[Site, Colour, dict[str, list[Any]]]] = {}
         """By module its site, its colour and the parts of its entity there."""
 
@@ -80,22 +83,15 @@ class SceneEncoder:
         }
         return {topic: (each.name, each.encoding, each.data) for topic, each in found.items()}
 
-    def body(self, site: Site) -> Solid | None:
-        """Return what stands at a site."""
-        if site not in self._solids_at:
-            self._solids_at[site] = solid_of(self._scene, site)
-        return self._solids_at[site]
-
     def ground(self, log_time: int) -> EncodedMessage:
         """Return what does not move: obstacles, the goal, and lines between places."""
         messages, system = self._messages, self._scene.system
-        goal = self._scene.goal or ()
         entities = [
-            self._flat("obstacles", log_time, system.filled, WALL, 1.0),
-            self._flat("goal", log_time, goal, GOAL, 0.1),
+            self._fixed("obstacles", log_time, self._bodies(system.filled), WALL),
+            self._fixed("goal", log_time, map(_sunk, self._bodies(self._scene.goal or ())), GOAL),
         ]
         lines = [
-            self._line([self._middle(one), self._middle(other)], 0.04, _rgb(WALL))
+            self._line([self._middle(one), self._middle(other)], 0.04, parts_of(WALL))
             for one, other in system.lines()
         ]
         entities.append(self._entity("lines", log_time, lines=lines))
@@ -106,63 +102,53 @@ class SceneEncoder:
         found = self.body(place if label is None else (place, 0))
         return (0.0, 0.0, 0.0) if found is None else found.middle
 
-    def _flat(
-        self, name: str, log_time: int, sites: Iterable[Site], colour: str, height: float
-    ) -> Any:
-        """Return bodies as an entity, of a part of their height, their feet at those of modules."""
+    def _bodies(self, sites: Iterable[Site]) -> Iterable[Solid]:
+        return filter(None, map(self.body, sites))
+
+    def _fixed(self, name: str, log_time: int, bodies: Iterable[Solid], colour: str) -> Any:
         parts: dict[str, list[Any]] = {"cubes": [], "cylinders": []}
-        for site in sites:
-            body = self.body(site)
-            if body is not None:
-                x, y, z = body.middle
-                wide, deep, tall = body.size
-                low = Solid(
-                    (x, y, z - tall * (1 - height) / 2 - (0 if height == 1.0 else tall * height)),
-                    (wide, deep, tall * height),
-                    body.angle,
-                    body.is_round,
-                )
-                self._solid(parts, low, _rgb(colour), 0.6)
+        for body in bodies:
+            self._solid(parts, body, parts_of(colour), 0.6)
         return self._entity(name, log_time, **parts)
 
-    def state(self, state: RunState, log_time: int) -> Iterator[EncodedMessage]:
-        """Yield the messages of a state: the scene, the poses and the transforms."""
+    def state(self, state: RunState, log_time: int, part: float = 1.0) -> Iterator[EncodedMessage]:
+        """Yield the messages of a state: the scene and the transforms.
+
+        With a `part` below 1, modules that moved are on their ways.
+        """
         messages = self._messages
         hues = colours(self._scene, state.sites)
-        bodies = [self.body(site) for site in state.sites]
-        shown = [number for number, body in enumerate(bodies) if body is not None]
+        bodies = _bodies(self._scene, state, part, self.body)
         entities = [
-            self._module(number, state, log_time, hues[number]) for number in range(len(bodies))
+            self._module(number, state, log_time, hues[number], body)
+            for number, body in enumerate(bodies)
         ]
         yield EncodedMessage("/robot/modules", messages.SceneUpdate(entities=entities).encode())
-        at = self._timestamp(log_time)
-        poses = [self._pose(bodies[number]) for number in shown]
-        yield EncodedMessage(
-            "/robot/poses",
-            messages.PosesInFrame(timestamp=at, frame_id=FRAME, poses=poses).encode(),
-        )
         transforms = [
             messages.FrameTransform(
-                timestamp=at,
+                timestamp=self._timestamp(log_time),
                 parent_frame_id=FRAME,
                 child_frame_id=f"module_{number}",
-                translation=messages.Vector3(**_xyz(pose.middle)),
-                rotation=self._turn(pose.angle),
+                translation=messages.Vector3(**_xyz(body.middle)),
+                rotation=self._turn(body),
             )
-            for number in shown
-            if (pose := bodies[number]) is not None
+            for number, body in enumerate(bodies)
+            if body is not None
         ]
         yield EncodedMessage("/tf", messages.FrameTransforms(transforms=transforms).encode())
 
-    def _module(self, number: int, state: RunState, log_time: int, hue: Colour) -> Any:
+    def _module(
+        self, number: int, state: RunState, log_time: int, hue: Colour, body: Solid | None
+    ) -> Any:
         """Return the entity of a module: empty where nothing stands."""
         site, before = state.sites[number], state.moved.get(number)
-        parts = self._at_rest(number, site, hue)
+        resting = body == self.body(site)
+        parts = self._at_rest(number, site, hue) if resting else self._parts(number, body, hue)
         if before is not None:
             parts = {name: [*values] for name, values in parts.items()}
-            body, left = self.body(site), self.body(before)
+            left = self.body(before)
             if body is not None:
-                parts["lines"].append(self._line(_rim(body), 0.06, _rgb(INK)))
+                parts["lines"].append(self._line(_rim(body), 0.06, parts_of(INK)))
             if left is not None:
                 self._solid(parts, left, hue, _GHOST)
         return self._entity(f"module_{number}", log_time, **parts)
@@ -172,12 +158,15 @@ class SceneEncoder:
         known = self._resting.get(number)
         if known is not None and known[:2] == (site, hue):
             return known[2]
+        parts = self._parts(number, self.body(site), hue)
+        self._resting[number] = site, hue, parts
+        return parts
+
+    def _parts(self, number: int, body: Solid | None, hue: Colour) -> dict[str, list[Any]]:
         parts: dict[str, list[Any]] = {"cubes": [], "cylinders": [], "lines": [], "texts": []}
-        body = self.body(site)
         if body is not None:
             self._solid(parts, body, hue, 1.0)
             parts["texts"].append(self._text(body, number))
-        self._resting[number] = site, hue, parts
         return parts
 
     def _solid(self, parts: dict[str, list[Any]], body: Solid, hue: Colour, alpha: float) -> None:
@@ -230,13 +219,14 @@ class SceneEncoder:
 
     def _pose(self, body: Solid | None) -> Any:
         messages = self._messages
-        middle, angle = ((0.0, 0.0, 0.0), 0.0) if body is None else (body.middle, body.angle)
+        body = body or Solid((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         return messages.Pose(
-            position=messages.Vector3(**_xyz(middle)), orientation=self._turn(angle)
+            position=messages.Vector3(**_xyz(body.middle)), orientation=self._turn(body)
         )
 
-    def _turn(self, angle: float) -> Any:
-        return self._messages.Quaternion(x=0.0, y=0.0, z=sin(angle / 2), w=cos(angle / 2))
+    def _turn(self, body: Solid) -> Any:
+        x, y, z, w = body.quaternion
+        return self._messages.Quaternion(x=x, y=y, z=z, w=w)
 
 
 def _xyz(point: tuple[float, float, float]) -> dict[str, float]:
@@ -244,9 +234,10 @@ def _xyz(point: tuple[float, float, float]) -> dict[str, float]:
     return {"x": x, "y": y, "z": z}
 
 
-def _rgb(colour: str) -> Colour:
-    red, green, blue = bytes.fromhex(colour[1:])
-    return red / 255, green / 255, blue / 255
+def _sunk(body: Solid) -> Solid:
+    """Return a body as a flat one below its place."""
+    (x, y, z), (wide, deep, tall) = body.middle, body.size
+    return replace(body, middle=(x, y, z - 0.55 * tall), size=(wide, deep, 0.1 * tall))
 
 
 def _rim(body: Solid) -> list[tuple[float, float, float]]:
@@ -259,11 +250,23 @@ def _rim(body: Solid) -> list[tuple[float, float, float]]:
         outline = [
             (a * wide / 2, b * deep / 2) for a, b in [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]
         ]
-    turned = [
-        (a * cos(body.angle) - b * sin(body.angle), a * sin(body.angle) + b * cos(body.angle))
-        for a, b in outline
-    ]
-    return [(x + a, y + b, z + tall / 2) for a, b in turned]
+    top = np.array([(a, b, tall / 2) for a, b in outline])
+    turn = (Leg((0.0, 0.0, 0.0), body.axis, body.angle),) if body.angle else ()
+    points = np.array((x, y, z)) + along(turn, 1, top)
+    return [(a, b, c) for a, b, c in points.tolist()]
+
+
+def _bodies(
+    scene: Scene, state: RunState, part: float, body: Callable[[Site], Solid | None]
+) -> list[Solid | None]:
+    """Return what stands for each module, of those that moved after a part of their ways."""
+    found = [body(site) for site in state.sites]
+    for number, source in state.moved.items() if part < 1 else ():
+        left = body(source)
+        if left is not None:
+            way = way_of(scene, state.by[number], source, state.sites[number])
+            found[number] = left.on_its_way(way, part)
+    return found
 
 
 LogTime: TypeAlias = Literal["round", "level", "wall"]
@@ -326,12 +329,18 @@ def numbered(recording: Recording) -> Iterator[tuple[int, Record]]:
 
 def _levels(recording: Recording, record: Record) -> list[int]:
     try:
-        said: msgspec.Struct = decode_free(record.data)
+        message: msgspec.Struct = decode_free(record.data)
     except InputError as error:
         where = f"{recording.path}: message {record.sequence} ({record.topic})"
         raise InputError(f"{where}: {error}") from None
-    told = said.parts if isinstance(said, CommitLog) else [said] if isinstance(said, Commit) else []
-    return [moved.level for moved in told]
+    commits = (
+        message.parts
+        if isinstance(message, CommitLog)
+        else [message]
+        if isinstance(message, Commit)
+        else []
+    )
+    return [moved.level for moved in commits]
 
 
 PROFILE = "cubepath-export"
@@ -359,20 +368,19 @@ def write_viewer_mcap(
     Topics of a recording are as they are there, as JSON; those of the robot are protobuf.
     """
     stage = SceneEncoder(recording.scene) if in_space else None
-    said = _said(recording, times, selection)
+    messages = _messages(recording, times, selection)
     robot = iter(()) if stage is None else _robot(recording, times, selection, stage)
     appender = McapAppender(stream, PROFILE)
-    told = {"format": PROFILE, "recorded_as": recording.format}
-    appender.add_metadata("cubepath", {**recording.parameters, **told})
+    notes = {"format": PROFILE, "recorded_as": recording.format}
+    appender.add_metadata("cubepath", {**recording.parameters, **notes})
     appender.add_attachment(
         "scene.toml", "application/toml", scene_to_toml(recording.scene).encode()
     )
-    channels = _Channels(appender, {} if stage is None else stage.schemas())
+    channel = _channels(appender, {} if stage is None else stage.schemas())
     count = 0
-    for timed in heapq.merge(robot, said, key=lambda timed: timed.log_time):
-        appender.add_message(
-            channels.of(timed.topic), count, timed.log_time, timed.wall_ns, timed.data
-        )
+    for timed in heapq.merge(robot, messages, key=lambda timed: timed.log_time):
+        channel_id = channel(timed.topic)
+        appender.add_message(channel_id, count, timed.log_time, timed.wall_ns, timed.data)
         count += 1
         if appender.size > CHUNK_BYTES:
             appender.close_chunk()
@@ -380,7 +388,7 @@ def write_viewer_mcap(
     return count
 
 
-def _said(
+def _messages(
     recording: Recording, times: ExportTimes, selection: MessageSelection
 ) -> Iterator[_Timed]:
     for number, record in numbered(recording):
@@ -393,49 +401,53 @@ def _robot(
     recording: Recording, times: ExportTimes, selection: MessageSelection, stage: SceneEncoder
 ) -> Iterator[_Timed]:
     begun = False
-    for state in _taken(recording, selection):
-        log_time = times.at(state.round, state.wall_ns)
-        encoded = stage.state(state, log_time)
+    for state, part, log_time in _moments(recording, times, selection):
+        encoded = stage.state(state, log_time, part)
         for each in encoded if begun else chain([stage.ground(log_time)], encoded):
             yield _Timed(log_time, state.wall_ns, *each)
         begun = True
 
 
-class _Channels:
-    """The channels of a file by topic, added when they are first used."""
+_PARTS = 4
+"""The number of moments of a round in which a module does not go straight."""
 
-    def __init__(
-        self, appender: McapAppender, protobuf: Mapping[str, tuple[str, str, bytes]]
-    ) -> None:
-        self._appender = appender
-        self._protobuf = protobuf
-        self._known: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
 
-    def of(self, topic: str) -> int:
-        return self._known.get(topic) or self._add(topic)
+def _moments(
+    recording: Recording, times: ExportTimes, selection: MessageSelection
+) -> Iterator[tuple[RunState, float, int]]:
+    """Yield the states with their log times, each after parts of the ways to it if one is bent."""
+    before: int | None = None
+    for state in _taken(recording, selection):
+        log_time = times.at(state.round, state.wall_ns)
+        ways = (
+            way_of(recording.scene, state.by[number], source, state.sites[number])
+            for number, source in state.moved.items()
+        )
+        if before is not None and any(leg.turn or len(way) > 1 for way in ways for leg in way):
+            for part in range(1, _PARTS):
+                yield state, part / _PARTS, before + (log_time - before) * part // _PARTS
+        yield state, 1.0, log_time
+        before = log_time
 
-    def _add(self, topic: str) -> int:
-        if len(self._known) == TOPICS_MAX:
+
+def _channels(
+    appender: McapAppender, protobuf: Mapping[str, tuple[str, str, bytes]]
+) -> Callable[[str], int]:
+    """Return a function that returns the channel of a topic, and adds it when it is first used."""
+    schema = cache(appender.add_schema)
+    json_schema = cache(lambda kind: msgspec.json.encode(schema_of(kind)))
+
+    @cache
+    def channel(topic: str) -> int:
+        if channel.cache_info().currsize == TOPICS_MAX:
             raise InputError(f"{topic}: one more topic than a file can have, {TOPICS_MAX}")
-        schema = self._protobuf.get(topic)
-        if schema is None:
-            kind = topic.partition("/")[0]
-            number = self._schema(
-                f"cubepath.{kind}", "jsonschema", lambda: msgspec.json.encode(schema_of(kind))
-            )
-            encoding = "json"
-        else:
-            name, how, data = schema
-            number = self._schema(name, how, lambda: data)
-            encoding = "protobuf"
-        found = self._known[topic] = self._appender.add_channel(topic, encoding, number)
-        return found
+        if topic in protobuf:
+            return appender.add_channel(topic, "protobuf", schema(*protobuf[topic]))
+        kind = topic.partition("/")[0]
+        told = schema(f"cubepath.{kind}", "jsonschema", json_schema(kind))
+        return appender.add_channel(topic, "json", told)
 
-    def _schema(self, name: str, encoding: str, data: Callable[[], bytes]) -> int:
-        if name not in self._schemas:
-            self._schemas[name] = self._appender.add_schema(name, encoding, data())
-        return self._schemas[name]
+    return channel
 
 
 _FLUSHED = 64
@@ -465,15 +477,18 @@ def write_rerun(
     painter = _Painter(rr, log, recording)
     count = 0
     try:
-        for state in _taken(recording, selection):
-            log.set_time("level" if recording.clock == "free" else "round", sequence=state.round)
-            log_time = times.at(state.round, state.wall_ns)
+        steps = "level" if recording.clock == "free" else "round"
+        for state, part, log_time in _moments(recording, times, selection):
+            if part == 1:
+                log.set_time(steps, sequence=state.round)
+            else:
+                log.disable_timeline(steps)
             if times.by_wall:
                 log.set_time("time", timestamp=log_time / _NS)
             else:
                 log.set_time("time", duration=log_time / _NS)
-            painter.state(state)
-            count += 1
+            painter.state(state, part)
+            count += part == 1
             if count % _FLUSHED == 0:
                 stream.write(written.read() or b"")
         painter.ground()
@@ -500,16 +515,16 @@ class _Painter:
         self._rr = rr
         self._log = log
         self._scene = recording.scene
-        self._solids_at: dict[Site, Solid | None] = {}
+        self._body = cache(partial(solid_of, recording.scene))
 
-    def state(self, state: RunState) -> None:
+    def state(self, state: RunState, part: float) -> None:
         rr, log = self._rr, self._log
         hues = colours(self._scene, state.sites)
-        found = [(number, self._body(site)) for number, site in enumerate(state.sites)]
-        shown = [(number, body) for number, body in found if body is not None]
+        found = _bodies(self._scene, state, part, self._body)
+        shown = [(number, body) for number, body in enumerate(found) if body is not None]
         log.log("robot/modules", self._boxes(shown, [hues[number] for number, _ in shown]))
         stirred = [(number, body) for number, body in shown if number in state.moved]
-        outline = self._boxes(stirred, [_rgb(INK)] * len(stirred), solid=False)
+        outline = self._boxes(stirred, [parts_of(INK)] * len(stirred), solid=False)
         log.log("robot/moving", outline)
         ways = [
             [before.middle, body.middle]
@@ -517,6 +532,8 @@ class _Painter:
             if (before := self._body(state.moved[number])) is not None
         ]
         log.log("robot/ways", rr.LineStrips3D(ways, radii=0.05))
+        if part < 1:
+            return
         log.log("moves_in_round", rr.Scalars(len(state.moved)))
         for number in sorted(state.moved):
             ends = f"{site_text(state.moved[number])} to {site_text(state.sites[number])}"
@@ -535,11 +552,6 @@ class _Painter:
                 entity = self._boxes(bodies, hues, solid=solid, named=False)
                 self._log.log(f"robot/{name}", entity, static=True)
 
-    def _body(self, site: Site) -> Solid | None:
-        if site not in self._solids_at:
-            self._solids_at[site] = solid_of(self._scene, site)
-        return self._solids_at[site]
-
     def _boxes(
         self,
         bodies: list[tuple[int, Solid]],
@@ -552,10 +564,7 @@ class _Painter:
         return rr.Boxes3D(
             centers=[body.middle for _, body in bodies],
             half_sizes=[[length / 2 for length in body.size] for _, body in bodies],
-            quaternions=[
-                rr.Quaternion(xyzw=[0, 0, sin(body.angle / 2), cos(body.angle / 2)])
-                for _, body in bodies
-            ],
+            quaternions=[rr.Quaternion(xyzw=body.quaternion) for _, body in bodies],
             colors=[tuple(round(255 * part) for part in hue) for hue in hues],
             labels=[body.word or str(number) for number, body in bodies]
             if named and solid

@@ -12,7 +12,7 @@ The events and their data (fields of paths and worlds as in `page_document`):
 - `said`: `claims` and `heard`, lists of pairs of a step and three numbers an entry (`module`,
   `row`, `won`; `kind`, `from`, `to`); `kinds`, their names; `world` as above; `left_out` instead of
   `heard` after a million deliveries; `dropped`, the number of messages too many to follow;
-- `schedule`: of all moves so far `level`, `partner`, `below`, `depth`, `chain`, and the `normal`
+- `schedule`: of all moves so far `level`, `partner`, `below`, `depth`, and the `normal`
   cube path; with a state complex the `states` along it;
 - `state`: `paused`, `steps` still to be made, `rate`; not if the run can only be watched;
 - `end`: `ended`, `error`.
@@ -131,7 +131,7 @@ class ClaimListener:
         self._top = max(self._top, moved.level)
         self._came((moved.module, moved.epoch, moved.number), "granted")
 
-    def told(self, steps: int) -> dict[str, Any] | None:
+    def news(self, steps: int) -> dict[str, Any] | None:
         """Return what is new of the first this many steps; None if nothing is.
 
         Each list of ``claims`` and of ``heard`` is that of a whole step, three numbers for each
@@ -171,17 +171,17 @@ class ClaimListener:
             self._outcomes.pop(key, None)
         self._heard.pop(step, None)
 
-    def _claim(self, key: _Key, step: int, said: Claim | Attempt) -> None:
-        if step < 1 or said.module >= self._count or key in self._step_of:
+    def _claim(self, key: _Key, step: int, message: Claim | Attempt) -> None:
+        if step < 1 or message.module >= self._count or key in self._step_of:
             return
         try:
-            at, site = said.at, said.site
-            self._world.scene.system.move_named(site, str(said.generator), at)
+            at, site = message.at, message.site
+            self._world.scene.system.move_named(site, str(message.generator), at)
         except _NO_SITE:
             return
         self._step_of[key] = step
         claims = self._claims.setdefault(step, {})
-        claims[key] = said.module, str(said.generator), at, site
+        claims[key] = message.module, str(message.generator), at, site
         self._changed.add(step)
 
     def _came(self, key: _Key, outcome: str) -> None:
@@ -205,7 +205,7 @@ class ClaimListener:
         self._changed.add(step)
 
 
-_SITE = {"name": 1, "shape": 1, "at": 2, "to": 2, "colour": 1, "word": 1}
+_SITE = {"name": 1, "shape": 1, "at": 2, "to": 2, "colour": 1, "word": 1, "kind": 1, "point": 3}
 """The lists of sites, each with how many entries a site has."""
 _FRAME = ("box", "behind", "before", "goal")
 """What changes when modules come to where none has been."""
@@ -218,12 +218,12 @@ class GrowingWorld:
         """Begin at the start, of which nothing was sent."""
         self.world = NumberedWorld(scene)
         self._state = set(scene.start_state)
-        self._told: dict[str, Any] = {}
+        self._published: dict[str, Any] = {}
 
     def begin(self) -> dict[str, Any]:
         """Return the whole world; what is new is so from here on."""
-        self._told = self.world.document()
-        return self._told
+        self._published = self.world.document()
+        return self._published
 
     @property
     def state(self) -> AbstractSet[Site]:
@@ -251,7 +251,7 @@ class GrowingWorld:
 
     def has_grown(self) -> bool:
         """Return whether there is anything to tell."""
-        return self.world.counts != _counts(self._told)
+        return self.world.counts != _counts(self._published)
 
     def grown(self) -> dict[str, Any] | None:
         """Return what has come to the world since it was asked last, as lists; None if nothing.
@@ -260,8 +260,8 @@ class GrowingWorld:
         """
         if not self.has_grown():
             return None
-        before, self._told = self._told, self.world.document()
-        now = self._told
+        before, self._published = self._published, self.world.document()
+        now = self._published
         sites, rows = _counts(before)
         motions = int(before["rows"]["begins"][-1])
         found = now["rows"]
@@ -276,8 +276,8 @@ class GrowingWorld:
                 "begins": _listed(found["begins"][rows + 1 :]),
                 "source": _listed(found["source"][motions:]),
                 "target": _listed(found["target"][motions:]),
-                "corner": _listed(found["corner"][2 * motions :]),
-                "turn": _listed(found["turn"][motions:]),
+                "leg_begins": _listed(found["leg_begins"][motions + 1 :]),
+                "legs": _listed(found["legs"][len(before["rows"]["legs"]) :]),
             },
             **{
                 key: _listed(now[key])
@@ -348,7 +348,7 @@ class Feed:
         self._before = before
         self._news = threading.Condition()
         self._given: list[tuple[int, Steps]] = []
-        self._said: deque[Words] = deque()
+        self._messages: deque[Words] = deque()
         self._dropped = 0
         self._steps: list[tuple[Action, ...]] = []
         self._events: list[bytes] = []
@@ -375,9 +375,9 @@ class Feed:
         Nobody waits for that: of more than `SAID_MAX` messages the oldest are dropped, and counted.
         """
         with self._news:
-            self._said.append(message)
-            if len(self._said) > SAID_MAX:
-                self._said.popleft()
+            self._messages.append(message)
+            if len(self._messages) > SAID_MAX:
+                self._messages.popleft()
                 self._dropped += 1
 
     def tell(self, state: dict[str, Any]) -> None:
@@ -455,13 +455,13 @@ class Feed:
                 if self._closed:
                     return
                 given, self._given = self._given, []
-                said, self._said = self._said, deque()
+                messages, self._messages = self._messages, deque()
                 ending = self._end
             begun = time.monotonic()
             for place, steps in _joined(given):
                 shown = min(shown, place)
                 self._take(place, steps)
-            self._listen(said)
+            self._listen(messages)
             took_s = time.monotonic() - begun
             now = time.monotonic()
             if shown < len(self._steps) and (now >= again or ending is not None):
@@ -486,22 +486,22 @@ class Feed:
             del self._steps[place:]
             self._world.go_back(self._steps)
         self._steps += steps
-        told: dict[str, Any] = {"from": place, "before": self._before, "rows": []}
+        document: dict[str, Any] = {"from": place, "before": self._before, "rows": []}
         del self._states[place + 1 :]
         for actions in steps:
-            told["rows"].append(self._world.follow(actions))
+            document["rows"].append(self._world.follow(actions))
             if self._space is not None:
                 self._states.append(self._space.number(self._world.state))
         if self._space is not None:
-            told["states"] = self._states[place + 1 :]
-        self._put("steps", told)
+            document["states"] = self._states[place + 1 :]
+        self._put("steps", document)
 
-    def _listen(self, said: Iterable[Words]) -> None:
-        for message in said:
+    def _listen(self, messages: Iterable[Words]) -> None:
+        for message in messages:
             self._hearing.take(message)
-        told = self._hearing.told(len(self._steps))
-        if told is not None:
-            self._put("said", told | {"dropped": self._dropped})
+        heard = self._hearing.news(len(self._steps))
+        if heard is not None:
+            self._put("said", heard | {"dropped": self._dropped})
 
     def _find_schedule(self) -> None:
         path = [action for actions in self._steps for action in actions]
@@ -520,10 +520,7 @@ class Feed:
                 "partner": found.partners.tolist(),
                 "below": waits.below.tolist(),
                 "depth": waits.depths.tolist(),
-                "chain": waits.chain.tolist(),
-                "normal": {
-                    key: normal[key].tolist() for key in ("ends", "rows", "below", "depth", "chain")
-                },
+                "normal": {key: normal[key].tolist() for key in ("ends", "rows", "below", "depth")},
                 **states,
             },
         )
@@ -531,9 +528,9 @@ class Feed:
             self._schedule = self._schedule[0] + 1, event
             self._news.notify_all()
 
-    def _put(self, name: str, told: dict[str, Any]) -> None:
+    def _put(self, name: str, document: dict[str, Any]) -> None:
         number = b"id: %d\n" % (len(self._events) + 1)
-        event = number + _event(name, told | {"world": self._world.grown()})
+        event = number + _event(name, document | {"world": self._world.grown()})
         with self._news:
             self._events.append(event)
             self._news.notify_all()
@@ -550,6 +547,6 @@ def _joined(given: Sequence[tuple[int, Steps]]) -> list[tuple[int, Steps]]:
     return [*found]
 
 
-def _event(name: str, told: dict[str, Any]) -> bytes:
+def _event(name: str, document: dict[str, Any]) -> bytes:
     """Return an event as a browser's EventSource reads it."""
-    return b"event: %s\ndata: %s\n\n" % (name.encode(), msgspec.json.encode(told))
+    return b"event: %s\ndata: %s\n\n" % (name.encode(), msgspec.json.encode(document))

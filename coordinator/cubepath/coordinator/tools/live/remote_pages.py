@@ -5,13 +5,13 @@ may arrive in any order that they allow; their levels are computed here.
 """
 
 import dataclasses
+import math
 import threading
 import time
 from bisect import insort
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import msgspec
@@ -29,14 +29,13 @@ from cubepath.coordinator.runs.asking import (
 from cubepath.coordinator.tools.live.feed import HEARD, Feed, Words
 from cubepath.coordinator.tools.live.server import Server
 from cubepath.coordinator.tools.recorder.recorder import guest_at
-from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.options import seconds
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.scenes.toml import scene_from_toml
-from cubepath.protocol.wire.credentials import Credentials
+from cubepath.protocol.wire.credentials import has_ended
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.messages import Edges, Message, Summary, decode
@@ -81,7 +80,7 @@ class Levels:
     def _named(self, move: Released) -> tuple[str, bytes]:
         key = move.generator, _encode(move.at)
         if key not in self._actions:
-            self._actions[key] = self._system.read_action(move)
+            self._actions[key] = self._system.action(move.generator, move.at)
         return key
 
     def _change(self, level: int) -> None:
@@ -103,25 +102,46 @@ _ASK_S = 0.1
 _ASKED_S_MAX = 2.0
 _SHARE = 10
 """At least this many times as long as asking took, nothing is asked again."""
-_QUIET_S = 1.0
-"""A run whose token has gone, and from which nothing arrives for this long, has ended."""
+_LOOK_S = 0.25
 _WAITING_MAX = 100_000
 """At most this many steps wait to be looked at; who falls behind more has missed some."""
 
 
 class RemoteRunPage:
-    """A run elsewhere, with the page that shows it; as a context manager it leaves both."""
+    """A run elsewhere, with the page that shows it; as a context manager it leaves both.
+
+    The page begins where the run stands; of a run without rounds it has all levels. It has an
+    `address`, and is fed by `wait`.
+
+    >>> with start("hex:n=4", processes=1, log="logs/far.mcap") as running:
+    ...     running.step(2)
+    ...     with RemoteRunPage(running.endpoint) as watched:
+    ...         outcome = running.play()
+    ...         watched.wait(10), watched.begins, watched.round == outcome.rounds
+    True
+    (True, 2, True)
+    """
 
     def __init__(
         self,
         endpoint: str,
+        run: str | None = None,
         *,
-        run: str | None,
-        port: int,
-        credentials: Credentials,
-        patience_s: float,
+        port: int = 0,
+        secure: Path | str | None = None,
+        patience_s: float = 10.0,
     ) -> None:
-        """Attach to the run, and serve the page; the errors are those of `watch_run`."""
+        """Attach to the run, and serve the page, as ``view --connect`` does.
+
+        `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there
+        are several. `secure` is a folder with the certificate of `guest`. A run or router that is
+        gone is waited for for `patience_s` seconds.
+
+        InputError for a replay, CheckError if no run answers within `patience_s`,
+        CubepathError if there is no router at the endpoint.
+        """
+        credentials = guest_at(endpoint, secure)
+        seconds("patience_s", patience_s)
         self.ended: str | None = None
         """How the run has ended, or why it is watched no more; None while it continues."""
         self.error: str | None = None
@@ -135,28 +155,31 @@ class RemoteRunPage:
         self.begins: int
         """How many rounds were over before: the page has none of these."""
         self._waiting: deque[Message] = deque(maxlen=_WAITING_MAX)
-        self._said: deque[Words] = deque()
+        self._messages: deque[Words] = deque()
         """Messages from before there is a feed, which bounds and counts what waits."""
-        self._take_words: Callable[[Words], None] = self._said.append
+        self._take_words: Callable[[Words], None] = self._messages.append
         self._known = 0  # moves of a run without rounds that were told
         self._again_s = 0.0
         self._news = threading.Event()
-        self._gone_s: float | None = None
+        self._alive = True
+        self._gone_s = math.inf
+        """Since when the run or the router is gone."""
+        self._endpoint, self._patience_s = endpoint, patience_s
         self._session = open_client(endpoint, patience_s, credentials=credentials)
         try:
             about = _run_at(self._session, endpoint, run, patience_s)
             self.run = about.run
             self._free = about.format == FREE_FORMAT
             self._listen(about)
-            told = scene_from_toml(about.scene, f"run {about.run}")
-            self._levels = Levels(told.system)
+            scene = scene_from_toml(about.scene, f"run {about.run}")
+            self._levels = Levels(scene.system)
             self.round = self.begins = 0
             if not self._free:
                 # Without rounds a run tells all its moves; with them it says where it stands.
                 status = ask(endpoint, about.run, credentials=credentials, timeout_s=patience_s)
                 self.round = self.begins = status.round
-                told = dataclasses.replace(told, start=status.sites)
-            self.scene = told
+                scene = dataclasses.replace(scene, start=status.sites)
+            self.scene = scene
             self._feed = Feed(
                 self.scene,
                 step_name="level" if self._free else "round",
@@ -165,26 +188,19 @@ class RemoteRunPage:
             )
             self._hand_over()
             self._take_words = self._feed.hear
+            self._server = Server(self._feed, None, port=port)
         except BaseException:
             self._session.close()
-            raise
-        try:
-            self._server = Server(
-                page_text(self._feed.document, live=True), self._feed, None, port=port
-            )
-        except BaseException:
-            self._session.close()
-            self._feed.close()
             raise
         self.address = self._server.address
         """Where the page is."""
 
     def _listen(self, about: RunInfo) -> None:
         session = self._session
-        said = _SAID_FREE if self._free else _SAID
+        kinds = _SAID_FREE if self._free else _SAID
         self._subscribers = [
             *(subscribe(session, topic_key(self.run, kind), self._hear) for kind in _RESULTS),
-            *(subscribe(session, topic_key(self.run, kind), self._listen_in) for kind in said),
+            *(subscribe(session, topic_key(self.run, kind), self._listen_in) for kind in kinds),
         ]
         self._token = watch(session, about_key(about.run), self._tell_alive)
 
@@ -220,13 +236,13 @@ class RemoteRunPage:
                 self._take_words(part)
 
     def _tell_alive(self, _key: str, alive: bool) -> None:  # noqa: FBT001 - as `watch` tells it
-        self._gone_s = None if alive else time.monotonic()
+        self._alive = alive
         self._news.set()
 
     # For who watches.
 
     def wait(self, timeout_s: float) -> bool:
-        """Feed the page for so many seconds, or until the run ends; return whether it has ended."""
+        """Feed the page for `timeout_s`, or until the run ends; return whether it has ended."""
         until = time.monotonic() + timeout_s
         while self.ended is None:
             self._news.clear()
@@ -240,12 +256,12 @@ class RemoteRunPage:
             left = until - time.monotonic()
             if self.ended is not None or left <= 0:
                 break
-            self._news.wait(min(left, _ASK_S if self._free else _QUIET_S / 4))
+            self._news.wait(min(left, _ASK_S if self._free else _LOOK_S))
         return self.ended is not None
 
     def _hand_over(self) -> None:
-        while self._said:
-            self._feed.hear(self._said.popleft())
+        while self._messages:
+            self._feed.hear(self._messages.popleft())
 
     def _ask_on(self) -> None:
         """Ask for the moves since the last, unless that was a short while ago."""
@@ -285,28 +301,27 @@ class RemoteRunPage:
                 pass
 
     def _actions(self, edges: Edges) -> tuple[Action, ...]:
-        return tuple(map(self.scene.system.read_action, edges.moves))
+        return tuple(self.scene.system.action(each.generator, each.at) for each in edges.moves)
 
     def _look(self) -> None:
-        gone = self._gone_s is not None and time.monotonic() - self._gone_s > _QUIET_S
-        if gone or not routers_of(self._session):
+        if self._alive and routers_of(self._session):
+            self._gone_s = math.inf
+            return
+        now = time.monotonic()
+        self._gone_s = min(self._gone_s, now)
+        if now - self._gone_s > self._patience_s or has_ended(self._endpoint):
             self._end("gone", "the run is gone, and has not said how it ended")
 
     def _end(self, ended: str, error: str | None) -> None:
         self.ended, self.error = ended, error
-        told: dict[str, Any] = {"ended": ended, "error": error}
-        self._feed.end(told)
+        document: dict[str, Any] = {"ended": ended, "error": error}
+        self._feed.end(document)
 
     def __enter__(self) -> Self:
         """Return the run, which is watched."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Leave the run, and serve the page no more."""
         if self.ended is None:
             self._end("left", "the process that fed this page has left the run")
@@ -325,35 +340,3 @@ def _run_at(session: zenoh.Session, endpoint: str, run: str | None, patience_s: 
             " by cubepath view LOG -o PAGE.html"
         )
     return about
-
-
-def watch_run(
-    endpoint: str,
-    run: str | None = None,
-    *,
-    port: int = 0,
-    secure: Path | str | None = None,
-    patience_s: float = 10.0,
-) -> RemoteRunPage:
-    """Attach to a run elsewhere, and serve a page that follows it, as ``view --connect`` does.
-
-    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there
-    are several. The page begins where the run stands; of a run without rounds it has all levels. It
-    has an `address`, and is fed by `wait`. `secure` is a folder with the certificate of `guest`.
-
-    InputError for a replay, CheckError if no run answers within `patience_s` seconds, CubepathError
-    if there is no router at the endpoint.
-
-    >>> with start("hex:n=4", processes=1, log="logs/far.mcap") as running:
-    ...     running.step(2)
-    ...     with watch_run(running.endpoint) as watched:
-    ...         outcome = running.play()
-    ...         watched.wait(10), watched.begins, watched.round == outcome.rounds
-    True
-    (True, 2, True)
-    """
-    credentials = guest_at(endpoint, secure)
-    patience_s = seconds("patience_s", patience_s)
-    return RemoteRunPage(
-        endpoint, run=run, port=port, credentials=credentials, patience_s=patience_s
-    )

@@ -22,6 +22,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from cubepath.coordinator.tools.live.feed import Feed, FeedPosition
+from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.errors import InputError
 
 HOST = "127.0.0.1"
@@ -45,8 +46,9 @@ class Server(ThreadingHTTPServer):
     block_on_close = False
     request_queue_size = CLIENTS_MAX
 
-    def __init__(self, page: str, feed: Feed, orders: Orders | None, *, port: int = 0) -> None:
-        """Listen; port 0 is any that is free. InputError if it cannot be had."""
+    def __init__(self, feed: Feed, orders: Orders | None, *, port: int = 0) -> None:
+        """Listen; port 0 is any free one. InputError, and the feed ends, if it cannot be had."""
+        page = page_text(feed.document, live=True)
         self.page = page.encode()
         self.policy = policy_of(page)
         self.feed = feed
@@ -58,6 +60,7 @@ class Server(ThreadingHTTPServer):
         try:
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
+            feed.close()
             raise InputError(f"live: cannot listen at {HOST}:{port}: {_reason(error)}") from None
         self.hosts = {f"{name}:{self.server_port}" for name in (HOST, "localhost")}
         self._thread = threading.Thread(
@@ -231,8 +234,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, "expected application/json")
             return
         try:
-            told = json.loads(self.rfile.read(int(length)))
-            order, value = told["order"], told.get("value")
+            document = json.loads(self.rfile.read(int(length)))
+            order, value = document["order"], document.get("value")
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             self.send_error(HTTPStatus.BAD_REQUEST, 'expected {"order": ..., "value": ...}')
             return

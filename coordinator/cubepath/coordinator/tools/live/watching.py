@@ -8,7 +8,6 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Literal, Self, TypeAlias, get_args
 
 from cubepath.coordinator.runs.edge_path import Gathered
@@ -16,7 +15,6 @@ from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.tools.live.feed import HEARD, Feed
 from cubepath.coordinator.tools.live.server import Server
-from cubepath.coordinator.tools.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.options import real_number, whole_number
@@ -152,11 +150,7 @@ class LivePage:
         facts = (("rule", run.rule), ("seed", str(run.plan.seed)))
         feed = Feed(run.scene, step_name="level" if pace is None else "round", facts=facts)
         orders = None if pace is None else pace.order
-        try:
-            server = Server(page_text(feed.document, live=True), feed, orders, port=self._port)
-        except BaseException:
-            feed.close()
-            raise
+        server = Server(feed, orders, port=self._port)
         self._serving = feed, server
         run.attend(self._watched)
         run.listen(self._hear)
@@ -166,12 +160,7 @@ class LivePage:
             self._tell()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Tell those who watch how the run stands, and serve nobody any more."""
         if self._serving is None:
             return

@@ -33,7 +33,7 @@ class ReceivedMessage(NamedTuple):
     data: bytes
     wall_ns: int
     source: tuple[str, int] | None
-    """Who numbers its messages, and the number of this one."""
+    """The publisher that numbers its messages, and the number of this one."""
 
 
 class Backlog:
@@ -85,11 +85,11 @@ class Backlog:
 
 
 def _heard(sample: zenoh.Sample) -> ReceivedMessage:
-    told = sample.source_info
+    info = sample.source_info
     source = None
-    if told is not None:
-        of = told.source_id
-        source = f"{of.zid}/{of.eid}", int(told.source_sn)
+    if info is not None:
+        publisher = info.source_id
+        source = f"{publisher.zid}/{publisher.eid}", int(info.source_sn)
     return ReceivedMessage(str(sample.key_expr), sample.payload.to_bytes(), time.time_ns(), source)
 
 
@@ -196,7 +196,7 @@ class LossCounter:
         self._free = free
         self._sources: dict[str, _Numbers] = {}
         self._incarnations: dict[tuple[str, int], _Numbers] = {}
-        self._said: dict[str, dict[tuple[int, str | None, str], set[int]]] = {}
+        self._numbers: dict[str, dict[tuple[int, str | None, str], set[int]]] = {}
         self._owed: dict[str, Counter[tuple[int, str | None, str]]] = {}
         self._reported: dict[str, int] = {}
         self._unreported: Counter[str] = Counter()
@@ -205,10 +205,10 @@ class LossCounter:
     def take(self, topic: str, heard: ReceivedMessage) -> Head | None:
         """Note a message; return what was read of it, None if it is malformed."""
         if heard.source is not None:
-            who, number = heard.source
-            known = self._sources.get(who)
+            publisher, number = heard.source
+            known = self._sources.get(publisher)
             if known is None:
-                self._sources[who] = _Numbers(number)
+                self._sources[publisher] = _Numbers(number)
             else:
                 known.take(number)
         kind, _, sender = topic.partition("/")
@@ -223,7 +223,7 @@ class LossCounter:
             self._first_round = head.round
         match kind:
             case "bundle":
-                self._take_said(sender, head)
+                self._take_number(sender, head)
             case "ready":
                 self._take_ready(sender, head)
             case "reports":
@@ -246,24 +246,24 @@ class LossCounter:
         else:
             known.take(head.sequence)
 
-    def _take_said(self, sender: str, head: Head) -> None:
+    def _take_number(self, sender: str, head: Head) -> None:
         key = head.round, head.phase, head.region
         owed = self._owed.get(sender)
         if owed and owed[key] > 0:
             owed[key] -= 1
             return
-        said = self._said.setdefault(sender, {})
-        said.setdefault(key, set()).add(head.number)
-        if len(said) > _PHASES_MAX * 64:
-            said.clear()  # without a `ready` nothing tells what belongs to them
+        numbers = self._numbers.setdefault(sender, {})
+        numbers.setdefault(key, set()).add(head.number)
+        if len(numbers) > _PHASES_MAX * 64:
+            numbers.clear()  # without a `ready` nothing tells what belongs to them
 
     def _take_ready(self, sender: str, head: Head) -> None:
-        said = self._said.pop(sender, {})
+        numbers = self._numbers.pop(sender, {})
         if head.round == self._first_round:
             return  # what was said before anyone listened is not lost
         for region, count in head.sent.items():
             key = head.round, head.phase, region
-            missing = count - len(said.get(key, ()))
+            missing = count - len(numbers.get(key, ()))
             if missing > 0:
                 self._owed.setdefault(sender, Counter())[key] = missing
 
@@ -274,12 +274,12 @@ class LossCounter:
         self._reported[sender] = max(number, before or 0)
 
     def by_sender(self) -> dict[str, int]:
-        """Return how many messages are missing, by topic or by who numbers them."""
+        """Return how many messages are missing, by topic, sender or publisher."""
         found: Counter[str] = Counter(self._unreported)
         for sender, owed in self._owed.items():
             found[f"bundle/{sender}"] += owed.total()
         for (sender, _), numbers in self._incarnations.items():
             found[sender] += numbers.missing
-        for who, numbers in self._sources.items():
-            found[who] += numbers.missing
+        for publisher, numbers in self._sources.items():
+            found[publisher] += numbers.missing
         return {each: found[each] for each in sorted(found) if found[each]}

@@ -10,9 +10,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from cubepath.coordinator.runs.asking import RunInfo
+from cubepath.coordinator.tools.recorder.losses import RecordedMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.cutting import MessageSelection
 from cubepath.protocol.recordings.description import ATTACHED, PART
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.toml import scene_from_toml
@@ -46,27 +48,15 @@ class Topics:
     """Topics by key: None for what is not recorded."""
 
     def __init__(self, topics: Sequence[str] = (), exclude: Sequence[str] = ()) -> None:
-        """Record what fits one of the globs `topics` (all, if there is none) and none of `exclude`.
-
-        A glob without a slash is of the kind, and stands for all senders. InputError if one is
-        empty, or matches no kind that there can be.
-        """
+        """Record what `MessageSelection` takes; InputError for a pattern of no kind of messages."""
+        self.has = MessageSelection(tuple(topics), tuple(exclude)).takes_topic
+        """Returns whether messages of a topic are recorded."""
         for each in (*topics, *exclude):
-            if not each:
-                raise InputError(
-                    "topics: found an empty glob, expected one as 'bundle/*' or 'ready'"
-                )
             kind = each.partition("/")[0]
             if not any(fnmatchcase(known, kind) for known in _KINDS):
                 near = did_you_mean(kind, _KINDS)
                 raise InputError(f"topics {each}: no kind of messages matches{near}")
-        self._topics = [_whole(each) for each in topics]
-        self._exclude = [_whole(each) for each in exclude]
         self._known: dict[str, tuple[str | None, bool]] = {}
-
-    def __bool__(self) -> bool:
-        """Return whether some topics are left out."""
-        return bool(self._topics or self._exclude)
 
     def of(self, key: str) -> tuple[str | None, bool]:
         """Return the topic of a key, and whether it is recorded."""
@@ -76,21 +66,12 @@ class Topics:
             known = self._known[key] = topic, topic is not None and self.has(topic)
         return known
 
-    def has(self, topic: str) -> bool:
-        """Return whether messages of a topic are recorded."""
-        wanted = not self._topics or any(fnmatchcase(topic, each) for each in self._topics)
-        return wanted and not any(fnmatchcase(topic, each) for each in self._exclude)
-
-
-def _whole(glob: str) -> str:
-    return glob if "/" in glob else f"{glob}/*"
-
 
 NOTES = "cubepath-attached"
 """The name of the metadata record that tells what is missing."""
 _PARTS_MAX = 1_000_000
 _OVER_S, _OVER_BYTES = 1.0, 1 << 20
-"""A file that is full goes on until a round begins, for so long, and by so many bytes at most."""
+"""A full file continues until a round begins, at most for this long and by this many bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,20 +123,15 @@ class RecordingParts:
             return self._path
         return numbered(self._path, len(self.paths))
 
-    def write(
-        self, topic: str, data: bytes, *, at: int, wall_ns: int, begins: int, round_begins: bool
-    ) -> None:
-        """Write a message at its log time; CheckError if it cannot be written.
-
-        `begins` is the first whole round of a file that begins with it.
-        """
+    def write(self, message: RecordedMessage, *, round_begins: bool = False) -> None:
+        """Write a message at its log time; CheckError if it cannot be written."""
         writer = self._writer
         if writer is not None and self._is_full(writer, round_begins=round_begins):
             self._end(writer)
             writer = None
         if writer is None:
-            writer = self._begin(begins)
-        writer.write(topic, data, round_number=at, wall_ns=wall_ns)
+            writer = self._begin(message.begins)
+        writer.write(message.topic, message.data, round_number=message.at, wall_ns=message.wall_ns)
         self.messages += 1
 
     def _is_full(self, writer: RecordingWriter, *, round_begins: bool) -> bool:

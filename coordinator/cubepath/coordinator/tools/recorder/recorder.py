@@ -10,7 +10,7 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
@@ -33,10 +33,10 @@ from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.options import seconds
 from cubepath.protocol.recordings.description import FREE_FORMAT
-from cubepath.protocol.wire.credentials import GUEST, Credentials, is_private
+from cubepath.protocol.wire.credentials import GUEST, Credentials, has_ended, is_private
 from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.router import check_secure
-from cubepath.protocol.wire.sessions import check_endpoint, open_client, routers_of, watch
+from cubepath.protocol.wire.sessions import check_endpoints, open_client, routers_of, watch
 
 
 def guest_at(endpoint: str, secure: Path | str | None) -> Credentials:
@@ -53,21 +53,20 @@ def guest_at(endpoint: str, secure: Path | str | None) -> Credentials:
     folder = None if secure is None else Path(secure)
     if not is_private(endpoint):
         try:
-            check_endpoint(endpoint, connect=True)
+            check_endpoints(endpoint)
         except InputError as error:
             raise InputError(f"{error}, or the unixsock-stream/PATH that a run has said") from None
     check_secure(endpoint, folder)
     return GUEST if folder is None else Credentials(GUEST.name, "", str(folder))
 
 
-MEMORY_BYTES = 100 << 20
+MEMORY_MEGABYTES = 100.0
 _STEP_S = 0.05
 _LAST_S = 5.0
 """How long waiting messages are written when a recorder leaves."""
 _QUIET_S = 0.3
-"""A run whose token has gone has ended when nothing has arrived for this long."""
-_BACK_S = 10.0
-"""Within this time sessions find a router that was started again."""
+"""A run that has summed up and whose token has gone has ended when nothing comes for this long."""
+_WRITE_S_MAX = 10.0
 _MEGABYTE = 1_000_000
 
 
@@ -75,25 +74,60 @@ class Recorder:
     """A recorder of a live run, as a context manager that leaves with its files closed.
 
     A file that cannot be written ends the recorder, and the error is raised when the block is left.
+
+    >>> from cubepath.protocol import read_recording
+    >>> with start("hex:n=4", processes=1, log="logs/inside.mcap") as running:
+    ...     with Recorder(running.endpoint, "logs/outside.mcap") as recorder:
+    ...         outcome = running.play()
+    ...         recorder.wait(10)
+    True
+    >>> verify("logs/outside.mcap").ok, recorder.lost
+    (True, {})
     """
 
     def __init__(
         self,
         endpoint: str,
-        log: Path | None,
+        log: Path | str | None = None,
         *,
-        run: str | None,
-        topics: Topics,
-        splitting: SplitLimits,
-        window_s: float | None,
-        memory_bytes: int,
-        credentials: Credentials,
-        patience_s: float,
-        parameters: Mapping[str, str],
-        say: Callable[[str], None],
+        run: str | None = None,
+        topics: Sequence[str] = (),
+        exclude: Sequence[str] = (),
+        split_megabytes: float | None = None,
+        split_seconds: float | None = None,
+        snapshot_seconds: float | None = None,
+        memory_megabytes: float = MEMORY_MEGABYTES,
+        secure: Path | str | None = None,
+        patience_s: float = 10.0,
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Attach, and record from now on; the errors are those of `record`."""
+        """Attach to a live run, and record it from now on.
+
+        `endpoint` is where the run can be listened to (`Run.endpoint`; of linked routers all to
+        try, separated by commas), `run` its name where there are several. The file `log` (None: a
+        new one in ``logs/``) has the bytes that were on the wire. `topics` and `exclude` are globs
+        over KIND/SENDER. With `split_megabytes` (10**6 bytes) or `split_seconds` there are files
+        NAME-000.mcap and so on. With `snapshot_seconds` nothing is written but the last seconds,
+        when `snapshot` asks for them. This many megabytes wait to be written, or are kept, at most.
+        `secure` is a folder with the certificate of `guest`. A run or router that is gone is waited
+        for for `patience_s` seconds.
+
+        InputError for bad options, CheckError if no run answers within `patience_s`, CubepathError
+        if there is no router at the endpoint.
+        """
+        credentials = guest_at(endpoint, secure)
+        _check_limits(
+            split_megabytes=split_megabytes,
+            split_seconds=split_seconds,
+            snapshot_seconds=snapshot_seconds,
+            memory_megabytes=memory_megabytes,
+        )
+        seconds("patience_s", patience_s)
+        size = None if split_megabytes is None else int(split_megabytes * _MEGABYTE)
+        given = {"topics": " ".join(topics), "exclude": " ".join(exclude)}
+        self._given = {name: text for name, text in given.items() if text}
         self.endpoint = endpoint
+        self._patience_s = patience_s
         self.ended: str | None = None
         """Why nothing more is recorded: "run ended", "run gone" without a word of how it ended,
         "router gone", "stopped" or "failed"."""
@@ -103,8 +137,8 @@ class Recorder:
         """How many messages came that are none of a run."""
         self.left_out = 0
         """How many messages came that are of no topic that was asked for."""
-        self._topics = topics
-        self._memory_bytes = memory_bytes
+        self._topics = Topics(topics, exclude)
+        self._memory_bytes = int(memory_megabytes * _MEGABYTE)
         self._asked: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
         self._snapshots: list[Path] = []
         self._in_snapshots = 0
@@ -120,32 +154,36 @@ class Recorder:
         self._over = threading.Event()
         self._lock = threading.Lock()
         self._say = say
+        self._window = None
+        if snapshot_seconds is not None:
+            self._window = RecentMessages(snapshot_seconds, self._memory_bytes)
         self._session = open_client(endpoint, patience_s, credentials=credentials)
         try:
-            self.run = find_run(self._session, endpoint, run, patience_s).run
-            self._window = None if window_s is None else RecentMessages(window_s, memory_bytes)
-            self._alive: bool | None = None
-            self._gone_s = self._heard_s = 0.0
-            self._router = routers_of(self._session)
-            self._router_lost_s: float | None = None
-            self._listen()
-            # The router knows who listens before it answers what was asked after that: from the
-            # round that is returned on, nothing is missed.
-            about = self.about = find_run(self._session, endpoint, self.run, patience_s)
-            self._times = MessageTimes(about)
-            free = about.format == FREE_FORMAT
-            self._losses = LossCounter(free=free)
-            self._turns = MessageOrder(
-                None if free else _processes(about), from_start=not about.round
-            )
-            self._path = log or _new_name(about)
-            self._parts = RecordingParts(about, self._path, splitting, self._notes, parameters)
-            self._given = parameters
+            self._attach(run, log, SplitLimits(size, split_seconds), patience_s)
         except BaseException:
             self._session.close()
             raise
         self._thread = threading.Thread(target=self._work, name="cubepath-recorder", daemon=True)
         self._thread.start()
+
+    def _attach(
+        self, run: str | None, log: Path | str | None, splitting: SplitLimits, patience_s: float
+    ) -> None:
+        self.run = find_run(self._session, self.endpoint, run, patience_s).run
+        self._alive: bool | None = None
+        self._gone_s = self._heard_s = 0.0
+        self._router = routers_of(self._session)
+        self._router_lost_s: float | None = None
+        self._listen()
+        # The router knows who listens before it answers what was asked after that: from the
+        # round that is returned on, nothing is missed.
+        about = self.about = find_run(self._session, self.endpoint, self.run, patience_s)
+        self._times = MessageTimes(about)
+        free = about.format == FREE_FORMAT
+        self._losses = LossCounter(free=free)
+        self._turns = MessageOrder(None if free else _processes(about), from_start=not about.round)
+        self._path = _new_name(about) if log is None else Path(log)
+        self._parts = RecordingParts(about, self._path, splitting, self._notes, self._given)
 
     def _listen(self) -> None:
         session, run = self._session, self.run
@@ -231,17 +269,11 @@ class Recorder:
         if self._times.is_repeated(topic, heard.data):
             return
         begins = self._whole if self._begins else begins
+        message = RecordedMessage(topic, heard.data, at, heard.wall_ns, begins)
         if self._window is not None:
-            self._window.put(RecordedMessage(topic, heard.data, at, heard.wall_ns, begins))
+            self._window.put(message)
         else:
-            self._parts.write(
-                topic,
-                heard.data,
-                at=at,
-                wall_ns=heard.wall_ns,
-                begins=begins,
-                round_begins=self._begins,
-            )
+            self._parts.write(message, round_begins=self._begins)
         self._begins = False
 
     def _end(self) -> str | None:
@@ -251,19 +283,19 @@ class Recorder:
         now = time.monotonic()
         routers = routers_of(self._session)
         if not routers:
-            if self._summed_up:  # a router of its own ends with the run
+            if self._summed_up:  # a separate router ends with the run
                 return self._how_it_ended()
             self._router_lost_s = self._router_lost_s or now
-            gone = is_private(self.endpoint) and not Path(self.endpoint.partition("/")[2]).exists()
-            over = gone or now - self._router_lost_s > _BACK_S
+            gone = has_ended(self.endpoint)
+            over = gone or now - self._router_lost_s > self._patience_s
             # The router of a replay is its own, and goes with it.
             gone = gone or self.about.is_replay
             return (self._how_it_ended() if gone else "router gone") if over else None
         if routers != self._router:
             self._router, self._gone_s = routers, now
         self._router_lost_s = None
-        # After a restart of the router it takes a while until its token is there again.
-        patience_s = _QUIET_S if not self.cut_off else _BACK_S
+        # When its router has died it takes a while until its token is there again.
+        patience_s = _QUIET_S if self._summed_up else self._patience_s
         if self._alive is False and now - max(self._gone_s, self._heard_s) > patience_s:
             return self._how_it_ended()
         return None
@@ -292,14 +324,7 @@ class Recorder:
         given = {**self._given, "snapshot": str(number)}
         parts = RecordingParts(self.about, path, SplitLimits(), self._notes, given)
         for each in kept:
-            parts.write(
-                each.topic,
-                each.data,
-                at=each.at,
-                wall_ns=each.wall_ns,
-                begins=each.begins,
-                round_begins=False,
-            )
+            parts.write(each)
         parts.close()
         self._in_snapshots += len(kept)
         self._say(f"{path}: {counted(len(kept), 'message')} written")
@@ -328,7 +353,7 @@ class Recorder:
 
     @property
     def lost(self) -> dict[str, int]:
-        """Return how many messages are known to be missing, by topic or by who numbers them."""
+        """Return how many messages are known to be missing, by topic or by sender."""
         with self._lock:
             found = self._losses.by_sender()
         return {
@@ -357,7 +382,7 @@ class Recorder:
             expected = len(self._snapshots) + 1
             self._asked.put(None)
             self._taken.wait_for(
-                lambda: len(self._snapshots) >= expected or self._over.is_set(), _BACK_S
+                lambda: len(self._snapshots) >= expected or self._over.is_set(), _WRITE_S_MAX
             )
             if len(self._snapshots) < expected:
                 raise CheckError(f"the recorder has ended ({self.ended}): expected one at work")
@@ -390,79 +415,18 @@ class Recorder:
         self.stop()
 
 
-def record(
-    endpoint: str,
-    log: Path | str | None = None,
-    *,
-    run: str | None = None,
-    topics: Sequence[str] = (),
-    exclude: Sequence[str] = (),
-    split_megabytes: float | None = None,
-    split_seconds: float | None = None,
-    snapshot_seconds: float | None = None,
-    memory_megabytes: float = MEMORY_BYTES / _MEGABYTE,
-    secure: Path | str | None = None,
-    patience_s: float = 10.0,
-    say: Callable[[str], None] = lambda _: None,
-) -> Recorder:
-    """Attach to a live run and record it from outside, as ``cubepath log record --connect`` does.
-
-    `endpoint` is where the run can be listened to (`Run.endpoint`), `run` its name where there are
-    several. The file `log` (None: a new one in ``logs/``) has the bytes that were on the wire.
-    `topics` and `exclude` are globs over KIND/SENDER. With `split_megabytes` (10**6 bytes) or
-    `split_seconds` there are files NAME-000.mcap and so on. With `snapshot_seconds` nothing is
-    written but the last seconds, when `Recorder.snapshot` asks for them. This many megabytes wait
-    to be written, or are kept, at most. `secure` is a folder with the certificate of `guest`.
-
-    InputError for bad options, CheckError if no run answers within `patience_s` seconds,
-    CubepathError if there is no router at the endpoint.
-
-    >>> from cubepath.protocol import read_recording
-    >>> with start("hex:n=4", processes=1, log="logs/inside.mcap") as running:
-    ...     with record(running.endpoint, "logs/outside.mcap") as recorder:
-    ...         outcome = running.play()
-    ...         recorder.wait(10)
-    True
-    >>> verify("logs/outside.mcap").ok, recorder.lost
-    (True, {})
-    """
-    credentials = guest_at(endpoint, secure)
-    for name, value in (
-        ("split_megabytes", split_megabytes),
-        ("split_seconds", split_seconds),
-        ("snapshot_seconds", snapshot_seconds),
-        ("memory_megabytes", memory_megabytes),
-    ):
+def _check_limits(**limits: float | None) -> None:
+    for name, value in limits.items():
         if value is not None and not value > 0:
             raise InputError(f"{name}={value}: expected more than 0")
-    if snapshot_seconds is not None and (split_megabytes or split_seconds):
+    if limits["snapshot_seconds"] and (limits["split_megabytes"] or limits["split_seconds"]):
         raise InputError("snapshot_seconds: each snapshot is one file, expected no splitting")
-    parameters = {}
-    if topics:
-        parameters["topics"] = " ".join(topics)
-    if exclude:
-        parameters["exclude"] = " ".join(exclude)
-    return Recorder(
-        endpoint,
-        None if log is None else Path(log),
-        run=run,
-        topics=Topics(topics, exclude),
-        splitting=SplitLimits(
-            None if split_megabytes is None else int(split_megabytes * _MEGABYTE), split_seconds
-        ),
-        window_s=snapshot_seconds,
-        memory_bytes=int(memory_megabytes * _MEGABYTE),
-        credentials=credentials,
-        patience_s=seconds("patience_s", patience_s),
-        parameters=parameters,
-        say=say,
-    )
 
 
 def _processes(about: RunInfo) -> int:
     """Return how many processes a run says that it has; 1 if that is malformed."""
-    told = about.parameters.get("processes", "")
-    return int(told) if told.isascii() and told.isdigit() and len(told) < 9 else 1
+    stated = about.parameters.get("processes", "")
+    return int(stated) if stated.isascii() and stated.isdigit() and len(stated) < 9 else 1
 
 
 def _new_name(about: RunInfo) -> Path:

@@ -1,8 +1,6 @@
 """One HTML page that shows runs: it opens from disk and loads nothing from a network.
 
-The parts of the page lie next to this module, in `page/`. Its document is JSON whose arrays of
-numbers are stored separately: in their place is ``{"array": type, "at": bytes, "length":
-numbers}``, and their contents follow the JSON, little-endian. All of it is deflated and written in
+The parts of the page lie next to this module, in `page/`. Its document is JSON, deflated and in
 base64, which has no character with a meaning in HTML: no name in a user's file can end the element.
 """
 
@@ -21,85 +19,28 @@ from cubepath.coordinator.tools.viewing.run_view import Progress, RunView, docum
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
 
-_TYPES = ("u1", "u2", "u4", "i4", "f4")
-_ALIGNED = 8
+_PLACES = 6
+"""Decimal places of the numbers of a page."""
 
 
 def pack(document: dict[str, Any]) -> str:
     """Return the text of a document: dicts, lists, texts, numbers, and numpy arrays.
 
-    Arrays are of shape (n,), and keep their numbers: integers in the least of the types that have
-    room for them, others as 32-bit floats.
-
     >>> unpack(pack({"name": "</script>", "steps": np.array([1, 2, 300])}))
     {'name': '</script>', 'steps': [1, 2, 300]}
     """
-    parts: list[bytes] = []
-    size = 0
-
-    def aside(value: Any) -> Any:
-        nonlocal size
-        if not isinstance(value, np.ndarray):
-            raise TypeError(f"{type(value).__name__} in a document: expected JSON or an array")
-        kind = _type_of(value)
-        data = value.astype(f"<{kind}").tobytes()
-        data += bytes(-len(data) % _ALIGNED)
-        found = {"array": kind, "at": size, "length": len(value)}
-        parts.append(data)
-        size += len(data)
-        return found
-
-    head = json.dumps(document, default=aside, ensure_ascii=True, separators=(",", ":")).encode()
-    head += b" " * (-len(head) % _ALIGNED)
-    whole = len(head).to_bytes(_ALIGNED, "little") + head + b"".join(parts)
-    return b64encode(zlib.compress(whole, 9)).decode("ascii")
+    text = json.dumps(
+        document, default=lambda array: np.round(array, _PLACES).tolist(), separators=(",", ":")
+    )
+    return b64encode(zlib.compress(text.encode())).decode("ascii")
 
 
 def unpack(text: str) -> Any:
     """Return the document of a text of `pack`, with its arrays as lists."""
-    whole = zlib.decompress(b64decode(text))
-    length = int.from_bytes(whole[:_ALIGNED], "little")
-    body = whole[_ALIGNED + length :]
-
-    def back(found: dict[str, Any]) -> Any:
-        if found.keys() != {"array", "at", "length"}:
-            return found
-        kind = np.dtype(f"<{found['array']}")
-        return np.frombuffer(body, kind, count=found["length"], offset=found["at"]).tolist()
-
-    return json.loads(whole[_ALIGNED : _ALIGNED + length], object_hook=back)
-
-
-def _type_of(value: np.ndarray[Any, Any]) -> str:
-    if value.dtype.kind == "f":
-        return "f4"
-    least, most = (int(value.min()), int(value.max())) if len(value) else (0, 0)
-    for kind in _TYPES[:-1]:
-        found = np.iinfo(kind)
-        if found.min <= least and most <= found.max:
-            return kind
-    raise ValueError(f"numbers from {least} to {most}: expected 32 bits")
+    return json.loads(zlib.decompress(b64decode(text)))
 
 
 PAGE_SUFFIXES = (".html",)
-_SCRIPTS = (
-    "data",
-    "paths",
-    "motion",
-    "theme",
-    "layers",
-    "stage",
-    "lanes",
-    "marks",
-    "schedule",
-    "heap",
-    "complex",
-    "clock",
-    "inspector",
-    "controls",
-    "main",
-)
-"""The scripts of a page in the order in which they run."""
 _POLICY, _SAVED_POLICY = 'http-equiv="Content-Security-Policy"', 'name="saved-policy"'
 _BEGIN, _END = '<script type="text/plain" id="data">', "</script>"
 
@@ -117,7 +58,7 @@ def run_page(
     >>> cubes = normal_cube_path(played.path)
     >>> run_page(RunView(played.scene, played.steps, cubes), "run.html")
     >>> Path("run.html").read_text().count("<script")
-    16
+    17
     """
     if Path(path).suffix.lower() not in PAGE_SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(PAGE_SUFFIXES)}")
@@ -135,21 +76,23 @@ def page_text(document: dict[str, Any], *, live: bool = False) -> str:
     A `live` one is fed by its server, which also says what the page may do: the policy in its head
     is one for the page that a reader saves.
     """
-    parts = files("cubepath.coordinator.tools.viewing") / "page"
-    scripts = [(parts / f"{name}.js").read_text("utf-8") for name in _SCRIPTS]
-    following = [(parts / "live.js").read_text("utf-8")] if live else []
+    folder = files("cubepath.coordinator.tools.viewing") / "page"
+    parts = {each.name: each.read_text("utf-8") for each in folder.iterdir()}
+    of_live = parts.pop("live.js")
+    # In the order of their names: axes.js, which others extend, is the first.
+    scripts = [parts[name] for name in sorted(parts) if name.endswith(".js")]
     # Filled in one pass, so that nothing in what is filled in is taken for a place to fill.
-    before, style, body, rest = _split((parts / "page.html").read_text("utf-8"))
+    before, style, body, rest = _split(parts["page.html"])
     return "".join(
         [
             before.replace(_POLICY, _SAVED_POLICY) if live else before,
             escape(document["title"]),
             style,
-            (parts / "page.css").read_text("utf-8"),
+            parts["page.css"],
             body,
             f"{_BEGIN}{pack(document)}{_END}\n",
             *(f"<script>\n{script}</script>\n" for script in scripts),
-            *(f"<script data-live>\n{script}</script>\n" for script in following),
+            f"<script data-live>\n{of_live}</script>\n" if live else "",
             rest,
         ]
     )
@@ -181,10 +124,15 @@ def page_document(path: Path | str) -> Any:
     - `modules`: the `colour` and the `word` of each;
     - `start`, `goal`: numbers of sites; -1 for a site of the goal that no module ever reached;
     - `sites`: `name`, `shape` (0 unseen, 1 cell, 2 bar, 3 box, 4 dot), `at` and `to` (x, y each),
-      `colour`, `word`;
+      `colour`, `word`, and in three dimensions `kind` and `point` (x, y, z);
+    - `solids`: null, or in three dimensions the `azimuth` and `tilt` of the first view in radians,
+      the `kinds` of cells by their faces (x, y, z, ... each, counter-clockwise), and `fixed`, the
+      obstacles and the goal: `kind`, `point` and `colour`;
     - `rows`: moves in one direction, with `generator` (a number in `generators`), `at`, and from
-      ``begins[row]`` on the `source` and `target` of each module, the mover first, with the
-      `corner` about which it turns by `turn` radians counter-clockwise, or 0.
+      ``begins[row]`` on the `source` and `target` of each module, the mover first. Each
+      goes along its `legs`, from ``leg_begins`` on, or straight if it has none. A leg is seven
+      numbers: a point of an axis, its direction, and the angle of a turn in radians,
+      counter-clockwise; with angle 0 it is straight, by the direction.
 
     A path has
 
@@ -192,8 +140,8 @@ def page_document(path: Path | str) -> Any:
     - `marks`: of the path as executed, if any: pairs of a step and its label on the time axis;
     - `before`: of a saved page that joined late: the number of steps before its first;
     - `ends`: the number of moves up to the end of each step; `rows`: the row of each move;
-    - `below`, `depth`, `chain`: the move that each waits for, or -1; its depth in the heap, from 1;
-      the longest chain;
+    - `below`, `depth`: the move that each waits for, or -1; its depth in the heap, from 1;
+    - `chain`: of a certificate, the moves of the chain that proves it;
     - `level`, `partner`: of the path as executed: the cube of each move, or 0 and then the move
       that it cancels with;
     - `claims`: of recordings: `ends`, and of each claim `module`, `row`, and `won` (0 lost,

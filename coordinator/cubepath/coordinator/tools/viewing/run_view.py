@@ -2,9 +2,7 @@
 
 `page_document` has the fields. Each move falls onto the moves before it until one that
 it does not commute with; nothing is cancelled. Its *depth* is one more than the greatest depth of
-those, and it *waits for* the last of them with that depth. From the last move of the greatest depth
-these lead down to depth 1: the longest chain of moves that had to follow each other. Source: heaps
-of pieces (Viennot).
+those, and it *waits for* the last of them with that depth. Source: heaps of pieces (Viennot).
 """
 
 import re
@@ -15,15 +13,18 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pictures import Backdrop, DrawnShapes, colour_text, still
+from cubepath.agents.rendering.pictures import DrawnShapes, colour_text, still, way_of
+from cubepath.agents.rendering.projection import CELL_FACES, FRONT, ROD, box_faces
+from cubepath.agents.rendering.solids import middle_of
 from cubepath.agents.rendering.style import palette
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.plugins import plugin
+from cubepath.coordinator.runs.states import motion_of
 from cubepath.protocol.core.actions import Action, end_at, why_inadmissible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Report
 
@@ -32,13 +33,11 @@ class Waits(NamedTuple):
     """The heap of a path, in the order of its moves.
 
     `depths` counts from 1, int32, shape (moves,). `below` has the place, from 0, of the move that
-    each waits for, or -1, int32, shape (moves,). `chain` has the places of the moves of the longest
-    chain in their order, int32, shape (greatest depth,).
+    each waits for, or -1, int32, shape (moves,).
     """
 
     depths: NDArray[np.int32]
     below: NDArray[np.int32]
-    chain: NDArray[np.int32]
 
 
 def waits_of(path: Iterable[Action]) -> Waits:
@@ -47,8 +46,8 @@ def waits_of(path: Iterable[Action]) -> Waits:
     >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
     >>> far = Action([8, 9], [8, 9], [8], [9])
     >>> found = waits_of([left, far, right])
-    >>> found.depths.tolist(), found.below.tolist(), found.chain.tolist()
-    ([1, 1, 2], [-1, -1, 0], [0, 2])
+    >>> found.depths.tolist(), found.below.tolist()
+    ([1, 1, 2], [-1, -1, 0])
     """
     nobody = (0, -1)
     # For each site the greatest depth, and the last move of it, among those that write the site,
@@ -57,7 +56,6 @@ def waits_of(path: Iterable[Action]) -> Waits:
     touched: dict[Site, tuple[int, int]] = {}
     depths: list[int] = []
     below: list[int] = []
-    deepest = nobody
     for place, action in enumerate(path):
         under = nobody
         for site in action.trace:
@@ -67,19 +65,11 @@ def waits_of(path: Iterable[Action]) -> Waits:
         own = under[0] + 1, place
         depths.append(own[0])
         below.append(under[1])
-        deepest = max(deepest, own)
         for site in action.trace:
             written[site] = touched[site] = own
         for site in action.reads:
             touched[site] = max(own, touched.get(site, nobody))
-    chain: list[int] = []
-    place = deepest[1]
-    while place >= 0:
-        chain.append(place)
-        place = below[place]
-    return Waits(
-        np.array(depths, np.int32), np.array(below, np.int32), np.array(chain[::-1], np.int32)
-    )
+    return Waits(np.array(depths, np.int32), np.array(below, np.int32))
 
 
 Motion = tuple[int, int]
@@ -119,22 +109,15 @@ class NumberedWorld:
         found = self._rows.get((action, end))
         if found is None:
             found = self._rows[action, end] = len(self._motions)
-            name, at, motion = self._move(action, end)
+            motion = motion_of(self.scene.system, action, end)
+            moves = self.scene.system.moves_of(action)
+            move = next((each for each in moves if each.motion == motion), None)
+            name = action.label if move is None else move.generator
             self._named.append(self._names.setdefault(name, len(self._names)))
-            self._at.append(at)
+            self._at.append("" if move is None else site_text(move.at))
             self._motions.append([(self.site(one), self.site(other)) for one, other in motion])
             self._actions.append(action)
         return found
-
-    def _move(self, action: Action, end: int) -> tuple[str, str, Sequence[tuple[Site, Site]]]:
-        before = action.ends[end] & action.trace
-        for move in self.scene.system.moves_of(action):
-            if before == frozenset(source for source, _ in move.motion):
-                return move.generator, site_text(move.at), move.motion
-        after = action.ends[1 - end] & action.trace
-        if len(before) != len(after):
-            raise InputError(f"{action!r} makes {len(after)} modules of {len(before)}")
-        return action.label, "", list(zip(in_order(before), in_order(after), strict=True))
 
     def proposed(self, generator: str, at: Site, site: Site) -> int | None:
         """Return the row of a move that a module at a site proposes; None if there is no such."""
@@ -148,7 +131,7 @@ class NumberedWorld:
         """Return all of this as data."""
         sites = list(self._sites)
         picture = still(self.scene, sites)
-        bodies = [picture.body(site) for site in sites]
+        bodies = [picture.moving.body(self.scene, site) for site in sites]
         moves = [len(motion) for motion in self._motions]
         flat = [ends for motion in self._motions for ends in motion]
         return {
@@ -158,8 +141,8 @@ class NumberedWorld:
             "behind": _layer(picture.behind),
             "before": _layer(picture.before),
             "outline": picture.outline,
-            "thick": picture.thick,
-            "joints": picture.joints,
+            "thick": picture.moving.thick,
+            "joints": picture.moving.joints,
             "modules": self._modules(),
             "goal": self._goal(),
             "sites": {
@@ -169,7 +152,9 @@ class NumberedWorld:
                 "to": np.array([body.to for body in bodies], np.float64).ravel(),
                 "colour": ["" if b.colour is None else colour_text(b.colour) for b in bodies],
                 "word": [body.word or "" for body in bodies],
+                **_in_space(self.scene.system, sites),
             },
+            "solids": _solids(self.scene),
             "start": np.array(self._start),
             "rows": {
                 "generators": list(self._names),
@@ -178,7 +163,7 @@ class NumberedWorld:
                 "begins": np.cumsum([0, *moves]),
                 "source": np.array([source for source, _ in flat], np.int64),
                 "target": np.array([target for _, target in flat], np.int64),
-                **self._pivots(picture, sites),
+                **self._ways(sites),
             },
         }
 
@@ -196,18 +181,38 @@ class NumberedWorld:
             return None
         return np.array([self._sites.get(site, -1) for site in in_order(self.scene.goal)])
 
-    def _pivots(self, picture: Backdrop, sites: Sequence[Site]) -> dict[str, NDArray[np.float64]]:
-        corners: list[tuple[float, float]] = []
-        turns: list[float] = []
+    def _ways(self, sites: Sequence[Site]) -> dict[str, NDArray[Any]]:
+        legs: list[tuple[float, ...]] = []
+        begins = [0]
         for action, motion in zip(self._actions, self._motions, strict=True):
             for source, target in motion:
-                pivot = picture.pivot(action, sites[source], sites[target])
-                corners.append((0, 0) if pivot is None else pivot.about)
-                turns.append(0 if pivot is None else pivot.turn)
-        return {
-            "corner": np.array(corners, np.float64).reshape(-1),
-            "turn": np.array(turns, np.float64),
-        }
+                way = way_of(self.scene, action, sites[source], sites[target])
+                legs += [(*leg.about, *leg.axis, leg.turn) for leg in way]
+                begins.append(len(legs))
+        return {"legs": np.array(legs, np.float64).ravel(), "leg_begins": np.array(begins)}
+
+
+def _in_space(system: System, sites: Iterable[Site]) -> dict[str, NDArray[Any]]:
+    """Return the kind of each cell and its middle, x, y, z; nothing in the plane."""
+    drawing, places = system.drawing, map(system.place_of, sites)
+    known = [*places] if drawing in CELL_FACES else []
+    axes = [place[3] if isinstance(place, tuple) and len(place) == 4 else 0 for place in known]
+    points = [middle_of(drawing, place) for place in known]
+    return {"kind": np.array(axes, np.int64), "point": np.array(points, np.float64).ravel()}
+
+
+def _solids(scene: Scene) -> dict[str, Any] | None:
+    """Return the shapes of cells in three dimensions, and those of obstacles and the goal."""
+    system = scene.system
+    if system.drawing not in CELL_FACES:
+        return None
+    goal = in_order(scene.goal or ())
+    places = [*in_order(system.filled), *in_order(system.empty), *goal]
+    colours = ["wall"] * len(system.filled) + ["line"] * len(system.empty) + ["goal"] * len(goal)
+    kinds = [*CELL_FACES[system.drawing], box_faces(ROD, ROD, ROD)]
+    faces = [[face.corners.ravel().tolist() for face in kind] for kind in kinds]
+    fixed = {**_in_space(system, places), "colour": colours}
+    return {"azimuth": FRONT.azimuth, "tilt": FRONT.tilt, "kinds": faces, "fixed": fixed}
 
 
 def _layer(drawn: DrawnShapes) -> dict[str, Any]:
@@ -249,7 +254,6 @@ def path_document(
         "rows": np.array(rows, np.int64),
         "below": waits.below,
         "depth": waits.depths,
-        "chain": waits.chain,
     }
 
 
@@ -296,14 +300,14 @@ def claims_document(world: NumberedWorld, recording: Recording, steps: int) -> d
             entry = claim_entry(world, module, generator, at, site, outcome=outcome)
             if entry is not None:
                 listed[number - 1].append(entry)
-    flat = [each for one in listed for each in one]
-    modules, rows, won = np.array(flat, np.int64).reshape(-1, 3).T
-    return {
-        "ends": np.cumsum([len(one) for one in listed], dtype=np.int64),
-        "module": modules,
-        "row": rows,
-        "won": won,
-    }
+    return _table(listed, ("module", "row", "won"))
+
+
+def _table(listed: Sequence[Sequence[Entry]], names: Sequence[str]) -> Columns:
+    """Return the entries of each step as columns, and how many there are up to its end."""
+    columns = np.array([each for one in listed for each in one], np.int64).reshape(-1, 3).T
+    ends = np.cumsum([len(one) for one in listed], dtype=np.int64)
+    return {"ends": ends, **dict(zip(names, columns, strict=True))}
 
 
 def _levels(recording: Recording, claims: Columns) -> NDArray[np.int64]:
@@ -336,15 +340,7 @@ def heard_document(recording: Recording, rounds: int) -> dict[str, Any]:
             found[report.round - 1] += entries
     if total > DELIVERIES_MAX:
         return {"left_out": total}
-    flat = [each for one in found for each in sorted(one)]
-    kind, sender, receiver = np.array(flat, np.int64).reshape(-1, 3).T
-    return {
-        "kinds": list(kinds),
-        "ends": np.cumsum([len(one) for one in found]),
-        "kind": kind,
-        "from": sender,
-        "to": receiver,
-    }
+    return {"kinds": list(kinds), **_table([*map(sorted, found)], ("kind", "from", "to"))}
 
 
 FORMAT = 1

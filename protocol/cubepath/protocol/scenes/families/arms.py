@@ -29,14 +29,15 @@ to that.
 """
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import EDGES, Catalogue, Cell, Generator, Lattice, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.scenes.registry import Family, Values, whole
+from cubepath.protocol.scenes.registry import Family, Values, scene_of, whole
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.systems.listed import TabledSystem
 
@@ -77,14 +78,7 @@ def _arm(name: str, values: Values) -> Scene:
     if len(word) != count or set(word) - {"x", "y"}:
         raise InputError(f"goal={word}: expected {count} letters x and y")
     goal = arm_sites(word)
-    return Scene(
-        spec=name,
-        family=name,
-        system=LatticeSystem(arm_catalogue()),
-        start=arm_sites("y" * count),
-        goal=frozenset(goal),
-        goals=tuple((site,) for site in goal),
-    )
+    return scene_of(name, LatticeSystem(arm_catalogue()), arm_sites("y" * count), goal, own=True)
 
 
 def arm_sites(word: str) -> tuple[Site, ...]:
@@ -256,14 +250,8 @@ def _free_arm(name: str, values: Values) -> Scene:
     goal = arm_of(values["goal"] or "r" * count)
     if len(goal) != count:
         raise InputError(f"goal={values['goal']}: expected {count} letters, as the start has")
-    return Scene(
-        spec=name,
-        family=name,
-        system=LatticeSystem(free_arm_catalogue(), filled=[BASE]),
-        start=start,
-        goal=frozenset(goal),
-        goals=tuple((site,) for site in goal),
-    )
+    system = LatticeSystem(free_arm_catalogue(), filled=[BASE])
+    return scene_of(name, system, start, goal, own=True)
 
 
 _FREE = (

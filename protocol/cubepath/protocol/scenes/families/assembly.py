@@ -25,8 +25,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.ideals import step_needs
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.scenes.families.words import lettered_scene
-from cubepath.protocol.scenes.registry import Family, Values, whole
+from cubepath.protocol.scenes.registry import Family, Values, scene_of, whole
 from cubepath.protocol.systems.listed import TabledSystem
 
 Part = tuple[int, int]
@@ -142,7 +141,7 @@ def _assembly(name: str, values: Values) -> Scene:
         positions=positions,
     )
     start = tuple((part, OPEN) for part in plan.middles)
-    return lettered_scene(name, system, start, tuple((part, last) for part in plan.middles))
+    return scene_of(name, system, start, ((part, last) for part in plan.middles), own=True)
 
 
 def _is_ideal(system: System, start: State) -> bool:

@@ -5,28 +5,16 @@ Source: Abrams and Ghrist, example 2-d hex with pivots.
 
 from collections.abc import Sequence
 
-from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue, Cell, Generator
+from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Cell
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.registry import MODULES_MAX, Family, Values, whole
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
+from cubepath.protocol.scenes.registry import MODULES_MAX, Family, Values, scene_of, whole
 from cubepath.protocol.systems.lattice import LatticeSystem
 
 _FLOOR, _LINE, _CEILING = 0, 1, 3
 _MARGIN = 1
 """Columns of the channel to the left of the start and to the right of the goal."""
-
-
-def tunnel_catalogue() -> Catalogue:
-    """Return the six pivots: along the rows from the first catalogue, across from the second."""
-    along = hex_catalogue(keeps_topology=True).generators
-    across = hex_catalogue(keeps_topology=False).generators
-    return Catalogue(
-        HEXAGONS,
-        tuple(
-            one if one.name.startswith("pivot-0-") else other
-            for one, other in zip(along, across, strict=True)
-        ),
-    )
 
 
 def _row(number: int, columns: range) -> tuple[Cell, ...]:
@@ -40,29 +28,18 @@ def _tunnel(name: str, values: Values) -> Scene:
     long = 2 * (count + _MARGIN)
     if values["length"] != "auto":
         long = whole(values, "length", least=count + 2 * _MARGIN + 1)
-    catalogues = {
-        "mixed": tunnel_catalogue(),
-        "1": hex_catalogue(keeps_topology=True),
-        "2": hex_catalogue(keeps_topology=False),
-    }
-    if values["catalogue"] not in catalogues:
+    if values["catalogue"] not in ("mixed", "1", "2"):
         raise InputError(f"catalogue={values['catalogue']}: expected one of mixed, 1, 2")
     rows = [_row(number, range(long)) for number in range(_CEILING + 1)]
     line = rows[_LINE]
     goal = line[long - _MARGIN - count : long - _MARGIN]
-    return Scene(
-        spec=name,
-        family=name,
-        system=LatticeSystem(
-            catalogues[values["catalogue"]],
-            workspace=[cell for row in rows for cell in row],
-            filled=rows[_FLOOR],
-            empty=rows[_CEILING],
-        ),
-        start=line[_MARGIN : _MARGIN + count],
-        goal=frozenset(goal),
-        goals=(goal,) * count,
+    system = LatticeSystem(
+        page_catalogue("hexagons-" + values["catalogue"].replace("mixed", "tunnel")),
+        workspace=[cell for row in rows for cell in row],
+        filled=rows[_FLOOR],
+        empty=rows[_CEILING],
     )
+    return scene_of(name, system, line[_MARGIN : _MARGIN + count], goal)
 
 
 _TUNNEL = (
@@ -85,188 +62,6 @@ _TUNNEL = (
         "tunnel",
     ),
 )
-
-
-RING: tuple[Cell, ...] = (
-    (0, 0),
-    (0, 1),
-    (0, 2),
-    (0, 3),
-    (1, 3),
-    (2, 2),
-    (3, 1),
-    (3, 0),
-    (2, 0),
-    (2, -1),
-    (1, -1),
-    (3, -1),
-)
-"""A ring of eleven modules, and one more that closes it a second time in one place.
-
-::
-
-      3 4           i  the link of the ring between a and b, which can pivot inwards
-     o . o          x  the module beside it, which also links a and b and can pivot outwards
-    o . . o         1, 2, 3, 4  corners, each of which can pivot and so open the ring
-     2 . i b
-      1 a x
-
-The ring opens when i and x both move away, and falls apart when a corner also does: any two of the
-three moves leave the aggregate connected, all three do not. No aggregate of eleven modules or fewer
-has three such moves, and this is the only one of twelve up to rotation and reflection (found by
-listing all aggregates, 8,182,213 with twelve modules up to translation).
-"""
-HUB: tuple[Cell, ...] = (
-    (0, 0),
-    (0, 1),
-    (-1, 0),
-    (1, -1),
-    (-2, 1),
-    (-2, 2),
-    (-2, 3),
-    (-2, 4),
-    (-1, 4),
-    (0, 3),
-    (1, 2),
-    (1, 1),
-    (2, 0),
-    (2, -1),
-)
-"""A hub of one module, joined by three single-module bridges to an arc of ten, as in the figure.
-
-::
-
-      o o           h  the hub
-     o . o          1, 2, 3  the bridges, each of which can pivot off the hub and stay at the arc
-    o . . o
-     o . 1 o
-      2 h . o
-       . 3 o
-"""
-
-
-def _connected(name: str, values: Values) -> Scene:
-    """Build a chain whose goal is another at 120 degrees, or an aggregate where links fail.
-
-    All of them stand in a box three cells wider on each side.
-    """
-    shape = values["scene"]
-    if shape not in ("chain", "ring", "hub"):
-        raise InputError(f"scene={shape}: expected one of chain, ring, hub")
-    goals: tuple[Cell, ...] = ()
-    if shape == "chain":
-        count = whole(values, "n", least=1)
-        start: tuple[Cell, ...] = tuple((position, 0) for position in range(count))
-        goals = tuple((count - 1, step) for step in range(count))
-    else:
-        start = RING if shape == "ring" else HUB
-    system = LatticeSystem(
-        hex_catalogue(keeps_topology=False), workspace=walled([*start, *goals]), connected=True
-    )
-    return Scene(
-        spec=name,
-        family=name,
-        system=system,
-        start=start,
-        goal=frozenset(goals) if goals else None,
-        goals=(goals,) * len(start) if goals else (),
-    )
-
-
-_CONNECTED = (
-    Family(
-        "hex-connected",
-        "non-local: hexagonal pivots of catalogue 2, the whole aggregate to stay connected;"
-        " complex only, no runs and no shortening",
-        {
-            "n": ("4", "number of modules of the chain"),
-            "scene": (
-                "chain",
-                "chain, or with positive curvature: ring (12 modules, the fewest), hub (14)",
-            ),
-        },
-        _connected,
-        LatticeSystem,
-        rule="",
-    ),
-)
-
-
-def hex_catalogue(*, keeps_topology: bool) -> Catalogue:
-    """Return the six hexagonal pivots, with the larger support if they keep the topology.
-
-    A module at A pivots to A' about B, one of the two cells beside both; C is the other. With
-    A', B, D, E, F, C round A and A, B, D', E', F', C round A', the first catalogue has the support
-    {A, A', B, C, E, E', F, F'}, the second {A, A', B, C, F, F'}; B is on, all others are off,
-    and the trace is {A, A'} (paper, example 2-d hex with pivots).
-    """
-    found = []
-    for k in range(3):
-        for sense, side in ((1, "left"), (-1, "right")):
-            here = (0, 0)
-            there = HEX_DIRECTIONS[k]
-            pivot = HEX_DIRECTIONS[(k + sense) % 6]
-            opposite = HEX_DIRECTIONS[(k - sense) % 6]
-            behind = HEX_DIRECTIONS[(k + 3) % 6]  # E
-            beside = HEX_DIRECTIONS[(k - 2 * sense) % 6]  # F
-            ahead = _plus(there, HEX_DIRECTIONS[k])  # E'
-            beyond = _plus(there, HEX_DIRECTIONS[(k - sense) % 6])  # F'
-            support = [here, there, pivot, opposite, beside, beyond]
-            if keeps_topology:
-                support += [behind, ahead]
-            found.append(
-                Generator(
-                    name=f"pivot-{k}-{side}",
-                    support=tuple(support),
-                    trace=(here, there),
-                    before=(here, pivot),
-                    after=(there, pivot),
-                    motion=((here, there),),
-                )
-            )
-    return Catalogue(HEXAGONS, tuple(found))
-
-
-def monkey_catalogue() -> Catalogue:
-    """Return the pivots of the second catalogue, and the six monkey moves.
-
-    Source: H. Akitaya, E. Demaine, A. Gonczi, D. Hendrickson, A. Hesterberg, M. Korman, O. Korten,
-    J. Lynch, I. Parada and V. Sacristan, Characterizing Universal Reconfigurability of Modular
-    Pivoting Robots (SoCG 2021), whose restricted moves are the pivots of the second catalogue. With
-    both, any two connected shapes of n hexagons reach one another in O(n^3) moves that keep the
-    aggregate connected. ::
-
-          C            A, A'  where the module is before and after: the trace
-        A   A'         P, Q   the modules that it turns about: on
-      P   B   Q        B, C   the cells beside both A and A': off
-
-    The module turns about the corner of A, B and P by 60 degrees, which takes it half into the gap
-    B. There it touches Q at the corner of A', B and Q, lets go of P, and turns about that corner by
-    60 degrees more. A pivot to B, which would turn about the first corner by 120 degrees, is what
-    Q prevents. The two halves sweep A, A', B and C alone, so the support is {A, A', B, C, P, Q}.
-    """
-    found = list(hex_catalogue(keeps_topology=False).generators)
-    for k in range(3):
-        for sense, side in ((1, "left"), (-1, "right")):
-            here, there = (0, 0), HEX_DIRECTIONS[k]
-            gap = HEX_DIRECTIONS[(k + sense) % 6]
-            opposite = HEX_DIRECTIONS[(k - sense) % 6]
-            held = (HEX_DIRECTIONS[(k + 2 * sense) % 6], _plus(gap, there))
-            found.append(
-                Generator(
-                    name=f"monkey-{k}-{side}",
-                    support=(here, there, gap, opposite, *held),
-                    trace=(here, there),
-                    before=(here, *held),
-                    after=(there, *held),
-                    motion=((here, there),),
-                )
-            )
-    return Catalogue(HEXAGONS, tuple(found))
-
-
-def _plus(one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
-    return one[0] + other[0], one[1] + other[1]
 
 
 def walled(cells: Sequence[Cell], margin: int = 3) -> list[Cell]:
@@ -325,17 +120,9 @@ def _hex(name: str, values: Values) -> Scene:
     if name == "hex-open":
         # A chain that goes to a parallel one stands across both in between.
         workspace = walled([*start, *goals], 3 + count * any(moved))
-    system = LatticeSystem(
-        hex_catalogue(keeps_topology=name == "hex"), workspace=workspace, filled=filled
-    )
-    return Scene(
-        spec=name,
-        family=name,
-        system=system,
-        start=start,
-        goal=frozenset(goals),
-        goals=(goals,) * count,
-    )
+    catalogue = page_catalogue("hexagons-1" if name == "hex" else "hexagons-2")
+    system = LatticeSystem(catalogue, workspace=workspace, filled=filled)
+    return scene_of(name, system, start, goals)
 
 
 _KEYS = {
@@ -348,7 +135,6 @@ _KEYS = {
 }
 FAMILIES = (
     *_TUNNEL,
-    *_CONNECTED,
     Family(
         "hex",
         "hexagonal pivots that keep the topology (catalogue 1)",

@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # it imports this module
     from cubepath.protocol.scenes.registry import Family
 
 _FAMILIES = {
-    "hexagons": ("hex", "hex-open", "hex-connected", "hex-tunnel"),
+    "hexagons": ("hex", "hex-open", "hex-tunnel"),
     "shapes": ("sliding", "hex-shapes", "sliding-shapes"),
     "vehicles": ("agv", "agv-labelled"),
     "arms": ("arm", "arm-free", "arms"),
@@ -26,6 +26,14 @@ _FAMILIES = {
     "compression": ("compression",),
 }
 """The names of families by module, in the order in which they are listed."""
+_PAGES = (
+    "hex-connected",
+    "sliding-cubes",
+    "sliding-cubes-connected",
+    "pivoting-cubes",
+    "rolling-dodecahedra",
+)
+"""The names of families that are pages, in the folder ``catalogues``."""
 _KINDS = {
     "lattice": ("lattice", "LatticeSystem"),
     "graph": ("graph", "GraphSystem"),
@@ -68,6 +76,12 @@ def _family(module: str, name: str) -> Family:
     return next(family for family in families if family.name == name)
 
 
+def _page(name: str) -> Family:
+    pages = import_module("cubepath.protocol.scenes.built_in_pages")
+    family: Family = pages.page_family(name)
+    return family
+
+
 def _kind(module: str, name: str) -> type[System]:
     found: type[System] = getattr(import_module(f"cubepath.protocol.systems.{module}"), name)
     return found
@@ -75,6 +89,7 @@ def _kind(module: str, name: str) -> type[System]:
 
 OWN_FAMILIES: OnDemand[Family] = OnDemand(
     {name: partial(_family, module, name) for module, names in _FAMILIES.items() for name in names}
+    | {name: partial(_page, name) for name in _PAGES}
 )
 OWN_KINDS = OnDemand[type[System]](
     {table: partial(_kind, *where) for table, where in _KINDS.items()}

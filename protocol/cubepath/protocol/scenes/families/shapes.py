@@ -11,15 +11,14 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from itertools import pairwise
 
-from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Cell, Generator
+from cubepath.protocol.core.catalogue import HEXAGONS, SQUARES, Catalogue, Cell, Generator, Lattice
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import hex_catalogue, monkey_catalogue, walled
+from cubepath.protocol.scenes.built_in_pages import page_catalogue
+from cubepath.protocol.scenes.families.hexagons import walled
 from cubepath.protocol.scenes.random_scenes import (
-    FOUR,
     SEED_MAX,
-    SIX,
     WALK_KEY,
     Stream,
     grown_shape,
@@ -29,7 +28,7 @@ from cubepath.protocol.scenes.random_scenes import (
     walk_length,
     walked,
 )
-from cubepath.protocol.scenes.registry import Family, Values, whole
+from cubepath.protocol.scenes.registry import Family, Values, scene_of, whole
 from cubepath.protocol.systems.lattice import LatticeSystem
 
 _MOST_CELLS = 10_000
@@ -94,16 +93,8 @@ def _sliding(name: str, values: Values) -> Scene:
     longest = whole({"k": reach}, "k", least=0, most=_LONGEST_RUN)
     start: tuple[Cell, ...] = tuple((x, tall) for x in range(count))
     goal: tuple[Cell, ...] = tuple((wide - 1 - x, -1) for x in range(count))
-    return Scene(
-        spec=name,
-        family=name,
-        system=LatticeSystem(
-            sliding_catalogue(longest), filled=[(x, y) for x in range(wide) for y in range(tall)]
-        ),
-        start=start,
-        goal=frozenset(goal),
-        goals=(goal,) * count,
-    )
+    filled = [(x, y) for x in range(wide) for y in range(tall)]
+    return scene_of(name, LatticeSystem(sliding_catalogue(longest), filled=filled), start, goal)
 
 
 _SLIDING = (
@@ -123,7 +114,7 @@ _SLIDING = (
 )
 
 
-_UNIFORM_MAX = {SIX: 32, FOUR: 18}
+_UNIFORM_MAX = {HEXAGONS: 32, SQUARES: 18}
 """Up to here a uniform shape takes about half a second or less; each further cell takes 1.3 times
 as long with hexagons, 1.7 times with squares."""
 _DENSEST = "0.5"
@@ -134,20 +125,16 @@ _Build = Callable[[Sequence[Cell], Sequence[Cell]], LatticeSystem]
 
 def _hexagons(name: str, values: Values) -> Scene:
     """Build hexagons in a random shape whose goal is another, or where a random walk leads."""
-    known = {
-        "1": hex_catalogue(keeps_topology=True),
-        "2": hex_catalogue(keeps_topology=False),
-        "3": monkey_catalogue(),
-    }
     number = values["catalogue"]
-    if number not in known:
+    if number not in ("1", "2", "3"):
         raise InputError(f"catalogue={number}: expected 1, 2 or 3")
 
     def build(filled: Sequence[Cell], box: Sequence[Cell]) -> LatticeSystem:
         workspace = None if number == "1" else box
-        return LatticeSystem(known[number], workspace=workspace, filled=filled)
+        catalogue = page_catalogue(f"hexagons-{number}")
+        return LatticeSystem(catalogue, workspace=workspace, filled=filled)
 
-    return _shapes(name, values, SIX, build)
+    return _shapes(name, values, HEXAGONS, build)
 
 
 def _squares(name: str, values: Values) -> Scene:
@@ -159,17 +146,17 @@ def _squares(name: str, values: Values) -> Scene:
     def build(filled: Sequence[Cell], box: Sequence[Cell]) -> LatticeSystem:
         return LatticeSystem(sliding_catalogue(longest), workspace=box, filled=filled)
 
-    return _shapes(name, values, FOUR, build)
+    return _shapes(name, values, SQUARES, build)
 
 
-def _shapes(name: str, values: Values, beside: tuple[Cell, ...], build: _Build) -> Scene:
+def _shapes(name: str, values: Values, lattice: Lattice, build: _Build) -> Scene:
     count = whole(values, "n", least=2)
     seed = whole(values, "seed", least=0, most=SEED_MAX)
     density = share_of(values["density"], f"density={values['density']}", most=_DENSEST)
-    draw = _way_to_draw(values["how"], count, beside)
-    start = draw(count, beside, Stream("start shape", seed))
+    draw = _way_to_draw(values["how"], count, lattice)
+    start = draw(count, lattice, Stream("start shape", seed))
     moves = walk_length(values, count)
-    end = start if moves is not None else draw(count, beside, Stream("goal shape", seed))
+    end = start if moves is not None else draw(count, lattice, Stream("goal shape", seed))
     box = walled([*start, *end], whole(values, "box", least=1, most=_WIDEST))
     filled = _obstacles(box, {*start, *end}, density, Stream("obstacles", seed))
     system = build(filled, box)
@@ -177,26 +164,19 @@ def _shapes(name: str, values: Values, beside: tuple[Cell, ...], build: _Build) 
     if moves is not None:
         ends = walked(system, start, moves, Stream("walk", seed))
         goal = in_order(ends)
-    return Scene(
-        spec=name,
-        family=name,
-        system=system,
-        start=start,
-        goal=frozenset(goal),
-        goals=(goal,) * count,
-    )
+    return scene_of(name, system, start, goal)
 
 
 def _way_to_draw(
-    how: str, count: int, beside: tuple[Cell, ...]
-) -> Callable[[int, Sequence[Cell], Stream], tuple[Cell, ...]]:
+    how: str, count: int, lattice: Lattice
+) -> Callable[[int, Lattice, Stream], tuple[Cell, ...]]:
     if how == "growth":
         return grown_shape
     if how != "uniform":
         raise InputError(f"how={how}: expected uniform or growth")
-    if count > _UNIFORM_MAX[beside]:
+    if count > _UNIFORM_MAX[lattice]:
         raise InputError(
-            f"n={count},how=uniform: expected at most {_UNIFORM_MAX[beside]} cells; how=growth has"
+            f"n={count},how=uniform: expected at most {_UNIFORM_MAX[lattice]} cells; how=growth has"
             " no such bound"
         )
     return uniform_shape
@@ -214,16 +194,11 @@ def _obstacles(
 _KEYS = {
     "n": ("6", "number of modules"),
     "seed": ("1", "of all that is random"),
-    "how": ("uniform", "uniform: each shape equally likely, to n={}; growth: cell by cell"),
+    "how": ("uniform", "uniform: each equally likely, to 32 hexagons or 18 squares; or growth"),
     "density": ("0", "share of the other cells that are obstacles, to 0.5"),
     "walk": WALK_KEY,
     "box": ("3", "by how many cells the box is wider than the shapes, on each side"),
 }
-
-
-def _keys(beside: tuple[Cell, ...]) -> dict[str, tuple[str, str]]:
-    how, text = _KEYS["how"]
-    return {**_KEYS, "how": (how, text.format(_UNIFORM_MAX[beside]))}
 
 
 FAMILIES = (
@@ -232,7 +207,7 @@ FAMILIES = (
         "hex-shapes",
         "hexagons from one random shape to another, or wherever a random walk leads",
         {
-            **_keys(SIX),
+            **_KEYS,
             "catalogue": (
                 "1",
                 "1 keeps the topology; in a box: 2 may split, 3 has monkey moves too",
@@ -246,7 +221,7 @@ FAMILIES = (
         "sliding-shapes",
         "squares from one random shape to another, or wherever a random walk leads, in a box",
         {
-            **_keys(FOUR),
+            **_KEYS,
             "k": ("", "longest run that slides is k + 1 cells; n - 1 when left out, all there is"),
         },
         _squares,

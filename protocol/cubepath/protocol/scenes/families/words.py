@@ -13,15 +13,14 @@ Sides of unequal length are padded with a letter ``_`` that stands for nothing a
 enough room.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.registry import Family, Values
+from cubepath.protocol.scenes.registry import Family, Values, scene_of
 from cubepath.protocol.systems.listed import TabledSystem
 
 BLANK = "_"
@@ -124,26 +123,8 @@ def _words(name: str, values: Values) -> Scene:
     moves = word_moves(len(word), relations)
     if not moves:
         raise InputError(f"word={word}: shorter than every relation, so nothing can move")
-    return lettered_scene(
-        name,
-        TabledSystem(moves, letters=letters, drawing="letters"),
-        tuple(enumerate(word)),
-        tuple(enumerate(goal)),
-    )
-
-
-def lettered_scene(
-    name: str, system: TabledSystem, start: Sequence[Site], goal: Sequence[Site]
-) -> Scene:
-    """Return a scene in which each place knows its goal letter, if there is a goal."""
-    return Scene(
-        spec=name,
-        family=name,
-        system=system,
-        start=tuple(start),
-        goal=frozenset(goal) or None,
-        goals=tuple((site,) for site in goal),
-    )
+    system = TabledSystem(moves, letters=letters, drawing="letters")
+    return scene_of(name, system, enumerate(word), enumerate(goal), own=True)
 
 
 FAMILIES = (

@@ -1,4 +1,4 @@
-// The moment that is shown, and how it goes on: both ways, at a speed, in a loop.
+// The moment that is shown, and how it advances: both ways, at a speed, in a loop.
 (function (cubepath) {
   "use strict";
 

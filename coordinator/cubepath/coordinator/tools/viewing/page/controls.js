@@ -44,6 +44,8 @@
       loop: () => { clock.looping = !clock.looping; if (!clock.looping) clock.loop = null; },
       from: () => clock.bracket("from"),
       until: () => clock.bracket("until"),
+      left: () => view.turn(-1),
+      right: () => view.turn(1),
     };
     for (const [id, action] of Object.entries(actions)) {
       byId(id).addEventListener("click", () => { action(); view.changed(); });
@@ -61,6 +63,7 @@
       PageUp: () => clock.seek(clock.t - clock.steps / 10), PageDown: () => clock.seek(clock.t + clock.steps / 10),
       "+": actions.faster, "=": actions.faster, "-": actions.slower, "_": actions.slower,
       b: actions.rewind, l: actions.loop, "[": actions.from, "]": actions.until,
+      ",": actions.left, ".": actions.right,
       c: () => option("claims"), m: () => option("messages"),
       Escape: () => { view.module = null; view.pinned = null; },
     };

@@ -2,33 +2,15 @@
 (function (cubepath) {
   "use strict";
 
-  class Heap {
-    constructor(canvas, view) {
-      this.canvas = canvas;
-      this.view = view;
-      this.kept = null;
-    }
-
-    forget() {
-      this.kept = null;
-    }
-
+  class Heap extends cubepath.Chart {
     /** The path whose heap is shown: that of the right side. */
     get path() {
       return this.view.stages[1].path;
     }
 
-    draw() {
-      const { context, width, height, ratio, changed } = cubepath.prepared(this.canvas);
-      if (!width || !height) return;
-      if (changed || !this.kept) this._prepare(width, height, ratio);
-      context.setTransform(1, 0, 0, 1, 0, 0);
-      context.clearRect(0, 0, this.canvas.width, this.canvas.height);
-      context.drawImage(this.kept, 0, 0);
-      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    _look(context) {
       const looked = this.view.move;
       if (looked?.path === this.path) this._outline(context, looked.move, 2);
-      this.lanes.cursor(context, this.view.clock);
     }
 
     /** Put the sites into lanes: those that share moves near each other, along the longer side. */
@@ -44,14 +26,11 @@
       return order.map((each) => sites[each]);
     }
 
-    _prepare(width, height, ratio) {
+    _prepare(context, width, height) {
       const { path } = this;
       const order = this._order();
       this.laneOf = new Map(order.map((site, lane) => [site, lane]));
       this.lanes = new cubepath.Lanes(width, height, this.view.clock.steps, Math.max(1, order.length));
-      this.kept = cubepath.spare(this.canvas);
-      const context = this.kept.getContext("2d");
-      context.setTransform(ratio, 0, 0, ratio, 0, 0);
       this.lanes.ground(context, (lane) => order.length ? path.world.sites.name[order[lane]].replaceAll(" ", "") : "", { lane: "site", step: path.name === "cube" ? "cube" : "depth" });
       for (let move = 0; move < path.rows.length; move++) this._piece(context, move);
       this._chain(context);
@@ -104,7 +83,6 @@
       if (!found) return null;
       const { path } = this;
       const depth = Math.floor(found.t) + 1;
-      this._byDepth ??= new Map();
       if (this._indexed !== path) {
         this._indexed = path;
         this._byDepth = Map.groupBy(path.rows.keys(), (move) => path.depth[move]);

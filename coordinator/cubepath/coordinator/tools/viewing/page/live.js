@@ -1,4 +1,4 @@
-// A run that goes on: steps come in, the newest is shown, and the run is told to pause or to step.
+// A live run: steps come in, the newest is shown, and the run can be paused or stepped.
 (function (cubepath) {
   "use strict";
 
@@ -11,20 +11,11 @@
 
   /** Open the document, whose lists grow from now on, and follow the run. */
   cubepath.open = function (data) {
-    const view = open(growing(data));
+    const view = open(data);
     live = new Live(view, data);
     cubepath.live = live;
     return view;
   };
-
-  /** The same document with lists in the place of arrays, but for what never changes. */
-  function growing(value) {
-    if (ArrayBuffer.isView(value)) return Array.from(value);
-    if (Array.isArray(value)) return value.map(growing);
-    if (value === null || typeof value !== "object") return value;
-    for (const key of Object.keys(value)) value[key] = growing(value[key]);
-    return value;
-  }
 
   class Live {
     constructor(view, data) {
@@ -39,7 +30,7 @@
       this._bar();
       // The newest step is shown where the clock is: at the start there is none.
       view.clock.t = 0;
-      // It comes back by itself when the connection is lost, and goes on behind the last step.
+      // It reconnects by itself when the connection is lost, and continues after the last step.
       const source = new EventSource("events");
       this.connected = true;
       for (const kind of ["steps", "said", "schedule", "state", "end"]) {
@@ -194,14 +185,13 @@
       this.stale = Infinity;
     }
 
-    _schedule({ normal, chain, states, ...told }) {
+    _schedule({ normal, states, ...told }) {
       const { path, view } = this;
       if (states) this.data.complex.paths[1] = states;
       for (const [of, key] of listsOf(path)) {
         told[key].slice(0, path.rows.length).forEach((value, move) => { of[key][move] = value; });
       }
       path._chain = undefined;
-      path.data.chain = chain;
       const before = view.paths[1];
       const after = new cubepath.Path(before.world, { ...before.data, ...normal });
       after.goesOn = true;
@@ -269,7 +259,7 @@
       const policy = page.querySelector('meta[name="saved-policy"]');
       policy.removeAttribute("name");
       policy.setAttribute("http-equiv", "Content-Security-Policy");
-      page.querySelector("#data").textContent = await pack({ ...data, worlds, paths });
+      page.querySelector("#data").textContent = await cubepath.pack({ ...data, worlds, paths });
       return `<!doctype html>\n${page.outerHTML}\n`;
     }
 
@@ -305,7 +295,7 @@
     return [[path, "below"], [path, "depth"], [path.data, "partner"], [path.data, "level"]];
   }
 
-  /** Take back the steps of a path after the first so many. */
+  /** Take back the steps of a path after the first `count`. */
   function truncate(path, steps) {
     path.goTo(steps);
     const moves = path.begin(steps + 1);
@@ -318,32 +308,5 @@
     path._chain = undefined;
     path.largest = 0;
     for (let step = 1; step <= steps; step++) path.largest = Math.max(path.largest, path.ends[step - 1] - path.begin(step));
-  }
-
-  /** The text of a document, as `packing.py` writes it. */
-  async function pack(data) {
-    const parts = [];
-    let size = 0;
-    const aside = (key, value) => {
-      const numbers = Array.isArray(value) && value.length > 0 && value.every((each) => typeof each === "number");
-      if (!numbers || key === "box" || key === "beside") return value;
-      const kind = value.every(Number.isInteger) ? "i4" : "f4";
-      const bytes = new Uint8Array((kind === "i4" ? Int32Array : Float32Array).from(value).buffer);
-      const found = { array: kind, at: size, length: value.length };
-      const padded = new Uint8Array(Math.ceil(bytes.length / 8) * 8);
-      padded.set(bytes);
-      parts.push(padded);
-      size += padded.length;
-      return found;
-    };
-    const head = new TextEncoder().encode(JSON.stringify(data, aside));
-    const begin = new Uint8Array(8 + Math.ceil(head.length / 8) * 8).fill(32, 8);
-    begin.set(head, 8);
-    new DataView(begin.buffer).setUint32(0, begin.length - 8, true);
-    const stream = new Blob([begin, ...parts]).stream().pipeThrough(new CompressionStream("deflate"));
-    const packed = new Uint8Array(await new Response(stream).arrayBuffer());
-    let text = "";
-    for (let each = 0; each < packed.length; each += 0x8000) text += String.fromCharCode(...packed.subarray(each, each + 0x8000));
-    return btoa(text);
   }
 })((globalThis.cubepath ??= {}));

@@ -73,6 +73,7 @@
     }
 
     _options() {
+      byId("turning").hidden = !this.worlds.some((world) => world.camera);
       const has = (name) => this.paths.some((path) => path.data[name] && !path.data[name].left_out);
       for (const [name, key] of [["claims", "claims"], ["messages", "heard"]]) {
         byId(name).checked = this[name];
@@ -138,6 +139,13 @@
       this.forget();
     }
 
+    /** See robots in three dimensions from the next side, to the left or to the right. */
+    turn(way) {
+      this.turned = (this.turned ?? 0) + way;
+      for (const world of this.worlds) world.turnTo(this.turned);
+      this.forget();
+    }
+
     /** Show a chart by its name. */
     show(name) {
       this.chart = this.charts[name];
@@ -189,7 +197,7 @@
       if (said || told) this.toldAt = now;
     }
 
-    /** Show where we are on the slider, and how it goes on. */
+    /** Show where we are on the slider, and whether it plays. */
     _control() {
       const { clock } = this, time = byId("time");
       if (document.activeElement !== time || Number(time.value) !== clock.t) time.value = String(clock.t);
@@ -200,7 +208,7 @@
       byId("play").setAttribute("aria-label", clock.way > 0 ? "Pause" : "Play");
     }
 
-    /** Say where we are: beside the pictures, and to whoever cannot see; return whether that is new. */
+    /** Say where we are: next to the pictures, and to screen readers; return whether that is new. */
     _say() {
       const { clock } = this;
       const parts = this.stages.map((stage) => {
@@ -256,20 +264,6 @@
       return { module, site: shown.world.sites.name[site], x, y };
     });
     return { title: shown.title, step: shown.step, steps: shown.steps, reached: shown.reached, modules };
-  };
-
-  /** Take further sites and rows of a world, as `World.extend` has them. */
-  cubepath.extend = function (world, more) {
-    cubepath.view.worlds[world].extend(more);
-  };
-
-  /** Append a step to a path, as `Path.append` has it; who is at the end stays there. */
-  cubepath.append = function (path, step) {
-    const { view } = cubepath, { clock } = view;
-    const atEnd = clock.t >= clock.steps;
-    view.paths[path].append(step);
-    view.fit();
-    if (atEnd && !clock.way) clock.seek(clock.steps);
   };
 
   document.addEventListener("DOMContentLoaded", async () => {

@@ -1,4 +1,4 @@
-// How a module looks between two sites: it turns about a corner, or goes straight.
+// How a module looks between two sites: it turns, or goes straight.
 (function (cubepath) {
   "use strict";
 
@@ -13,18 +13,24 @@
    * @property {number} site whose colour and word it has
    * @property {number} flip width of a box that turns over, 1 when it lies still
    * @property {number} alpha
+   * @property {number[]} [point] middle of a cell in three dimensions
+   * @property {[number[], number][]} [spins] by which this cell turned: axis and angle, in radians
    */
 
   const NONE = 0, CELL = 1, BAR = 2, BOX = 3, DOT = 4;
+  const LEG = 7; // numbers of a leg: a point of an axis, a direction, the angle, or 0 if it is straight
 
   /** The pose of a module that stands at a site. @returns {Pose} */
   function poseAt(world, site) {
     const { shape, at, to } = world.sites;
     const x = at[2 * site], y = at[2 * site + 1], u = to[2 * site], v = to[2 * site + 1];
-    return {
+    const pose = {
       shape: shape[site], x: (x + u) / 2, y: (y + v) / 2, turn: 0,
       dx: (u - x) / 2, dy: (v - y) / 2, site, flip: 1, alpha: shape[site] === NONE ? 0 : 1,
     };
+    if (!world.camera) return pose;
+    const cell = { ...pose, shape: CELL, kind: world.sites.kind[site], spins: [] };
+    return world.camera.placed(cell, world.sites.point.slice(3 * site, 3 * site + 3));
   }
 
   /** The pose of a module on its way, `part` from 0 to 1. @returns {Pose} */
@@ -33,20 +39,13 @@
     if (part <= 0) return one;
     if (part >= 1) return other;
     const pose = { ...(part < 0.5 ? one : other) };
-    if (one.shape === BAR && other.shape === BAR) {
+    if (one.shape === BAR && other.shape === BAR && !world.camera) {
       return world.joints ? rigid(one, other, part, pose) : elastic(one, other, part, pose);
     }
-    const turn = world.rows.turn[place];
-    if (!turn) {
-      pose.x = one.x + part * (other.x - one.x);
-      pose.y = one.y + part * (other.y - one.y);
-    } else {
-      const cx = world.rows.corner[2 * place], cy = world.rows.corner[2 * place + 1];
-      const cos = Math.cos(part * turn), sin = Math.sin(part * turn);
-      pose.x = cx + cos * (one.x - cx) - sin * (one.y - cy);
-      pose.y = cy + sin * (one.x - cx) + cos * (one.y - cy);
-      pose.turn = part * turn;
-    }
+    const { point, spins } = along(world, place, part, one, other);
+    if (world.camera) return world.camera.placed({ ...(spins.length ? one : pose), spins }, point);
+    [pose.x, pose.y] = point;
+    pose.turn = spins.reduce((sum, [axis, angle]) => sum + axis[2] * angle, 0);
     if (pose.shape === BOX) pose.flip = Math.abs(Math.cos(Math.PI * part));
     if (one.shape === NONE || other.shape === NONE) {
       pose.shape = one.shape === NONE ? other.shape : one.shape;
@@ -54,6 +53,29 @@
       pose.alpha = one.shape === NONE ? part : 1 - part;
     }
     return pose;
+  }
+
+  /** Where a motion has led after a part of its legs, and how it turned there; straight if it has none. */
+  function along(world, place, part, one, other) {
+    const { legs, leg_begins } = world.rows, [from, until] = [leg_begins[place], leg_begins[place + 1]];
+    const [start, end] = [one, other].map((pose) => pose.point ?? [pose.x, pose.y, 0]);
+    if (from === until) return { point: cubepath.plus(start, cubepath.plus(end, start, -1), part), spins: [] };
+    let point = start;
+    const spins = [];
+    const numbers = (each, at) => legs.slice(LEG * each + at, LEG * each + at + 3);
+    const long = (each) => Math.abs(legs[LEG * each + 6]) || Math.hypot(...numbers(each, 3));
+    let left = 0;
+    for (let each = from; each < until; each++) left += part * long(each);
+    for (let each = from; each < until && left > 0; each++) {
+      const about = numbers(each, 0), axis = numbers(each, 3), angle = legs[LEG * each + 6];
+      const done = Math.min(1, left / long(each));
+      left -= done * long(each);
+      if (angle) {
+        point = cubepath.plus(about, cubepath.turned(cubepath.plus(point, about, -1), axis, done * angle));
+        spins.push([axis, done * angle]);
+      } else point = cubepath.plus(point, axis, done);
+    }
+    return { point, spins };
   }
 
   /** The ends of a diagonal that flips slide along two sides of its quadrilateral. */

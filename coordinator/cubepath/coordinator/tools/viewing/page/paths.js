@@ -10,6 +10,17 @@
       this.count = data.start.length;
       this.sites = columns(data.sites);
       this.rows = columns(data.rows);
+      this.turnTo(0);
+    }
+
+    /** See a world in three dimensions from another side: this many steps of the view from the first. */
+    turnTo(steps) {
+      this.camera = this.solids && new cubepath.Camera(this.solids, steps);
+    }
+
+    /** Left, right, low and high of a picture. */
+    get frame() {
+      return this.camera?.boxOf([this.sites, this.solids.fixed].flatMap(({ point }) => cubepath.pointsOf(point))) ?? this.box;
     }
 
     /**
@@ -64,7 +75,7 @@
       /** The number of moves up to the end of each step, and the row of each move. */
       this.ends = [];
       this.rows = [];
-      /** Who makes each move: the modules from firstBy[move] on, the mover first. */
+      /** The modules that make each move: from firstBy[move] on, the mover first. */
       this.by = [];
       this.firstBy = [0];
       /** For each module its moves, in order. */
@@ -75,10 +86,10 @@
       this.largest = 0;
       this.below = Array.from(data.below);
       this.depth = Array.from(data.depth);
-      this._chain = data.chain.length ? Array.from(data.chain) : undefined;
+      this._chain = data.chain;
       let begin = 0;
       for (const end of data.ends) {
-        this._append(data.rows.subarray?.(begin, end) ?? data.rows.slice(begin, end));
+        this._append(data.rows.slice(begin, end));
         begin = end;
       }
       this.goTo(0);

@@ -2,42 +2,20 @@
 (function (cubepath) {
   "use strict";
 
-  class Schedule {
-    /** @param {HTMLCanvasElement} canvas */
-    constructor(canvas, view) {
-      this.canvas = canvas;
-      this.view = view;
-      this.kept = null;
-    }
-
-    forget() {
-      this.kept = null;
-    }
-
-    draw() {
-      const { context, width, height, ratio, changed } = cubepath.prepared(this.canvas);
-      if (!width || !height) return;
-      if (changed || !this.kept) this._prepare(width, height, ratio);
-      context.setTransform(1, 0, 0, 1, 0, 0);
-      context.clearRect(0, 0, this.canvas.width, this.canvas.height);
-      context.drawImage(this.kept, 0, 0);
-      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  class Schedule extends cubepath.Chart {
+    _look(context) {
       if (this.view.module !== null && this.view.module < this.lanes.count) {
         context.strokeStyle = cubepath.colour("accent");
         context.lineWidth = 1;
         context.strokeRect(this.lanes.x(0) - 0.5, this.lanes.y(this.view.module), this.lanes.wide + 1, this.lanes.lane);
       }
       this._linked(context);
-      this.lanes.cursor(context, this.view.clock);
     }
 
-    _prepare(width, height, ratio) {
+    _prepare(context, width, height) {
       const paths = this.view.stages.map((stage) => stage.path);
       const count = Math.max(...paths.map((path) => path.world.count));
       this.lanes = new cubepath.Lanes(width, height, this.view.clock.steps, count);
-      this.kept = cubepath.spare(this.canvas);
-      const context = this.kept.getContext("2d");
-      context.setTransform(ratio, 0, 0, ratio, 0, 0);
       const steps = paths.every((path) => path.name === paths[0].name) ? paths[0].name : "step";
       this.lanes.ground(context, (lane) => paths[0].world.modules.word[lane] ?? String(lane), { lane: "module", step: steps });
       paths.forEach((path, half) => this._path(context, path, half));

@@ -1,10 +1,10 @@
-// The modules of one path at a moment, and what is said of them: claims, messages, who waits.
+// The modules of one path at a moment, with claims, messages, and which modules wait.
 (function (cubepath) {
   "use strict";
 
   const READABLE = 15; // pixels of a cell in which a number can be read
   const TINY = 3; // pixels of a cell below which it has no outline, and is a spot that can be seen
-  const ARC = 12; // pieces of the way of a module that turns
+  const PIECES = 12; // of each leg of the way of a module
   const MANY = 150; // modules from which on each look of a module is drawn once, and then copied
 
   class Stage {
@@ -51,6 +51,8 @@
       context.drawImage(this.layers[0], 0, 0);
       this._toCells(context, ratio);
       const now = part > 0 ? step + 1 : step;
+      this.drawn = this.world.camera ? this._bodies(last) : [];
+      for (const body of this.drawn) this._body(context, body);
       this._granted(context, now);
       this._traces(context, last);
       // A goal is seen on who stands in it, and does not cross out the number of who goes by.
@@ -61,7 +63,7 @@
         context.drawImage(this.layers[1], 0, 0);
         context.restore();
       };
-      this._modules(context, moving, last, cubepath.eased(part), passes ? before : () => {});
+      if (!this.world.camera) this._modules(context, moving, last, cubepath.eased(part), passes ? before : () => {});
       this._lost(context, now);
       if (this.view.messages) this._messages(context, now);
       this._chosen(context);
@@ -69,7 +71,7 @@
     }
 
     _prepare(width, height, ratio) {
-      const [left, right, low, high] = this.world.box;
+      const [left, right, low, high] = this.world.frame;
       this.scale = Math.min(width / (right - left), height / (high - low));
       this.ratio = ratio;
       this.left = width / 2 - (this.scale * (left + right)) / 2;
@@ -78,7 +80,7 @@
         const canvas = cubepath.spare(this.canvas);
         const context = canvas.getContext("2d");
         this._toCells(context, ratio);
-        cubepath.drawLayer(context, layer, this.scale);
+        if (!this.world.camera) cubepath.drawLayer(context, layer, this.scale);
         return canvas;
       });
       this.stamps.clear();
@@ -98,11 +100,12 @@
       for (const { module, source, target, place } of last) {
         const pose = cubepath.poseAt(this.world, source);
         if (pose.shape === cubepath.BOX) continue; // it stays where it is
-        this._module(context, module, pose, {});
+        if (!this.world.camera) this._module(context, module, pose, {});
         if (pose.shape !== cubepath.CELL) continue;
         const colour = this._colour(module, source);
         if (!ways.has(colour)) ways.set(colour, new Path2D());
-        const way = ways.get(colour), pieces = this.world.rows.turn[place] ? ARC : 1;
+        const way = ways.get(colour), { leg_begins } = this.world.rows;
+        const pieces = PIECES * (leg_begins[place + 1] - leg_begins[place]) || 1;
         way.moveTo(pose.x, pose.y);
         for (let piece = 1; piece <= pieces; piece++) {
           const there = cubepath.poseBetween(this.world, source, target, place, piece / pieces);
@@ -136,6 +139,47 @@
         this._module(context, module, pose, { words, stirred: true });
       }
       if (this.world.joints) this._joints(context);
+    }
+
+    /** All that has a body in three dimensions, in the order in which it is drawn. */
+    _bodies(last) {
+      const { world, path } = this, { fixed } = world.solids, stirred = new Set(last.map((each) => each.module));
+      const ghosts = last.map(({ module, source }) => ({ ...cubepath.poseAt(world, source), alpha: 0.3, colour: this._colour(module, source) }));
+      const modules = path.sites.map((site, module) => ({
+        ...this.poseOf(module), module, moving: this.moving.has(module), stirred: stirred.has(module), colour: this._colour(module, site),
+      }));
+      const taken = new Set(modules.filter(({ moving }) => !moving).map(({ point }) => point.join()));
+      const others = cubepath.pointsOf(fixed.point).map((point, each) => {
+        const colour = fixed.colour[each], outlined = colour !== "wall";
+        const alpha = !outlined ? 1 : taken.has(point.join()) ? 0 : 0.15;
+        return world.camera.placed({ kind: fixed.kind[each], spins: [], outlined, alpha, colour: cubepath.colour(colour) }, point);
+      });
+      const joints = world.joints ? modules.flatMap((body) => world.camera.jointsOf({ ...body, colour: cubepath.colour("paper"), stirred: true })) : [];
+      // In one place a goal is seen on the module, and a module on the rest of another.
+      return world.camera.inOrder([...ghosts, ...modules, ...joints, ...others]);
+    }
+
+    /** The faces of a body. */
+    _body(context, { x, y, ...body }) {
+      const { camera, modules } = this.world, { colour, outlined, faces } = body;
+      context.save();
+      context.translate(x, y);
+      context.lineJoin = "round";
+      context.lineWidth = Math.max(outlined ? 0.05 : body.stirred ? 0.06 : 0.025, 0.75 / this.scale);
+      context.strokeStyle = outlined ? colour : cubepath.colour(body.stirred ? "ink" : "rim");
+      const part = body.alpha ? "whole" : "inner"; // on the faces of what stands there
+      for (const { [part]: shape, light } of faces) {
+        context.globalAlpha = body.alpha;
+        context.fillStyle = outlined ? colour : cubepath.shaded(colour, light);
+        context.fill(shape);
+        if (outlined) context.globalAlpha = 1;
+        if (this.scale >= TINY) context.stroke(shape);
+      }
+      if (body.module !== undefined && this.scale >= READABLE) {
+        const [u, v] = faces[0].middle;
+        cubepath.word(context, modules.word[body.module], u, v, 0.42 * camera.wide, cubepath.inkOn(colour));
+      }
+      context.restore();
     }
 
     _colour(module, site) {
@@ -316,7 +360,7 @@
       return found;
     }
 
-    /** Who was delivered something in a step, by thin curves from the senders. */
+    /** Deliveries in a step, as thin curves from the senders. */
     _messages(context, step) {
       const heard = this.path.data.heard;
       if (!heard?.ends || step < 1 || step > heard.ends.length) return;
@@ -387,6 +431,13 @@
       if (!this.scale) return null;
       const u = (x - this.left) / this.scale, v = (this.top - y) / this.scale;
       let best = null, least = 0.55;
+      if (this.world.camera) {
+        const context = this.canvas.getContext("2d");
+        context.setTransform(1, 0, 0, 1, 0, 0);
+        const met = this.drawn.findLast(({ alpha, faces, x: right, y: up }) =>
+          alpha === 1 && faces.some(({ whole }) => context.isPointInPath(whole, u - right, v - up)));
+        return met?.module ?? null;
+      }
       this.path.sites.forEach((_, module) => {
         const pose = this.poseOf(module);
         if (pose.shape === cubepath.NONE) return;

@@ -24,6 +24,10 @@
     return 0.3 * red + 0.59 * green + 0.11 * blue > 0.5 ? "#22252a" : "#ffffff";
   };
 
+  /** The colour of a face on which so much light falls, from -1 to 1; as in pictures. */
+  cubepath.shaded = (colour, light) =>
+    `rgb(${[1, 3, 5].map((at) => Math.round((0.7 + 0.3 * light) * parseInt(colour.slice(at, at + 2), 16))).join(" ")})`;
+
   /** A colour mixed with that of the page, `part` of it. */
   cubepath.faint = function (colour, part) {
     const page = cubepath.colour("page");
