@@ -1,4 +1,4 @@
-"""What a test does to the processes of a run: it kills, pauses and cuts them off on command."""
+"""What a test does to processes: it kills, pauses and cuts them off, now or at a message."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Collection
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import TypeAlias
 
-from cubepath.coordinator.testing.log import pattern_of
+from cubepath.coordinator.testing.commands import stderr_of
 from cubepath.coordinator.testing.rules import SECONDS_MAX, Pattern
 from cubepath.coordinator.testing.wire import PlannedFault, Target, Wire
 from cubepath.coordinator.testing.wire_messages import WireMessage
@@ -17,11 +17,11 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import seconds as checked_seconds, whole_number
 
 When: TypeAlias = "Pattern | str | int | None"
-"""Now (None), in a round or at a level, or at the first message of a kind or a pattern."""
+"""Now (None), in a round or at a level, or at the first message of a kind, key or pattern."""
 
 
 class ProcessFaults(Wire):
-    """What a test can do to the processes of a run, ours and those of others."""
+    """What a test can do to processes, ours and those of others."""
 
     def __init__(self, *, links: bool | Collection[str]) -> None:
         """Do nothing to anyone yet."""
@@ -30,6 +30,8 @@ class ProcessFaults(Wire):
         self._wounded: set[str] = set()
         self._paused: dict[str, int] = {}
         self._timers: dict[tuple[str, str], threading.Timer] = {}
+        self._raised: Exception | None = None
+        self._noticing = threading.RLock()
 
     # What is done to them.
 
@@ -90,7 +92,9 @@ class ProcessFaults(Wire):
 
     def _resume(self, name: str) -> None:
         pid = self._paused.pop(name, None)
-        if pid is not None:
+        if pid is not None and name in self.commands:
+            self.commands[name].signal(signal.SIGCONT)
+        elif pid is not None:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGCONT)
 
@@ -140,7 +144,7 @@ class ProcessFaults(Wire):
         if isinstance(at, int):
             whole_number("at", at, 0)
             return self._plan(lambda seen: (seen.round or 0) >= at, act)
-        return self._plan(pattern_of(at).holds, act)
+        return self._plan(self._pattern(at).holds, act)
 
     def _plan(
         self, pattern: Callable[[WireMessage], bool], act: Callable[[], None]
@@ -148,6 +152,23 @@ class ProcessFaults(Wire):
         planned = PlannedFault(pattern, act)
         self._planned.append(planned)
         return planned
+
+    def _notice(self, seen: WireMessage) -> None:
+        """Have that happen which was planned for a message."""
+        with self._noticing:
+            for planned in tuple(self._planned):
+                try:
+                    if not planned.done and planned.pattern(seen):
+                        self._planned.remove(planned)
+                        planned.do(seen)
+                except Exception as error:  # noqa: BLE001 - the test's, and no end of what runs
+                    self._raised = self._raised or error
+
+    def _raise_again(self) -> None:
+        """Raise what something that was planned has raised."""
+        error, self._raised = self._raised, None
+        if error is not None:
+            raise error
 
     def _pid(self, name: str) -> int:
         pids = self.pids
@@ -163,3 +184,41 @@ class ProcessFaults(Wire):
             self.commands[name].signal(number)
         else:
             os.kill(self._pid(name), number)
+
+    def close(self, *, check: bool = False) -> None:
+        """End everything: rules, pauses, the run, the commands, the links.
+
+        With `check`, CheckError if a rule raised or a link had too much to carry, and what was
+        raised by something that the test has planned.
+        """
+        with ExitStack() as stack:
+            if check:
+                stack.callback(self._raise_again)
+                for link in self.links.values():
+                    stack.callback(link.check)
+            self.close_links(stack.callback)
+            for command in self.commands.values():
+                stack.callback(command.close)
+            stack.callback(self._end)
+            for name in list(self._paused):
+                stack.callback(self.resume, name)
+            for timer in list(self._timers):
+                stack.callback(self._cancel, *timer)
+
+    def _end(self) -> None:
+        """End what is neither a command nor a link."""
+
+    def about(self, name: str, pid: int) -> str:
+        """Return how a process is, in a line."""
+        paused = " paused," if name in self._paused else ""
+        is_there = self.pids.get(name) == pid
+        how = f"process id {pid}" if is_there else f"process id {pid}, has ended"
+        cut = name in self.links and self.links[name].up.cut
+        link = f", its link is cut ({cut})" if cut else ""
+        command = self.commands.get(name)
+        output = command.last_lines if command is not None else stderr_of(pid) if is_there else ""
+        about = f"{name}:{paused} {how}{self._role(name)}{link}"
+        return about + (f"; {output}" if output else "")
+
+    def _role(self, name: str) -> str:  # noqa: ARG002 - for those whose processes have one
+        return ""

@@ -24,9 +24,9 @@ from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.testing.commands import Command, check_command, lives, stderr_of
+from cubepath.coordinator.testing.commands import Command, check_command, lives
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
-from cubepath.coordinator.testing.process_faults import ProcessFaults
+from cubepath.coordinator.testing.run_processes import RunProcesses
 from cubepath.coordinator.testing.wire import Target
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -121,7 +121,7 @@ _FOR_A_COMMAND = 5
 _LOOPBACK = "tcp/127.0.0.1:0"
 
 
-class RunUnderTest(ProcessFaults):
+class RunUnderTest(RunProcesses):
     """A run under test, as a context manager that leaves nothing running, whatever happens."""
 
     def __init__(
@@ -169,7 +169,6 @@ class RunUnderTest(ProcessFaults):
         """The messages that were heard last."""
         self._unexpected: list[str] = []
         self._parts: deque[Any] = deque()
-        self._raised: Exception | None = None
 
     @property
     def _files(self) -> int:
@@ -208,27 +207,7 @@ class RunUnderTest(ProcessFaults):
         """End everything."""
         self.close(check=kind is None)
 
-    def close(self, *, check: bool = False) -> None:
-        """End everything: rules, pauses, the run, the commands, the links.
-
-        With `check`, CheckError if a rule raised or a link had too much to carry, and what was
-        raised by something that the test has planned.
-        """
-        with ExitStack() as stack:
-            if check:
-                stack.callback(self._raise_again)
-                for link in self.links.values():
-                    stack.callback(link.check)
-            self.close_links(stack.callback)
-            for command in self.commands.values():
-                stack.callback(command.close)
-            stack.callback(self._close_run)
-            for name in list(self._paused):
-                stack.callback(self.resume, name)
-            for timer in list(self._timers):
-                stack.callback(self._cancel, *timer)
-
-    def _close_run(self) -> None:
+    def _end(self) -> None:
         with ExitStack() as stack:
             stack.callback(self.run.__exit__, None, None, None)
             stack.callback(self._heal_all)
@@ -266,19 +245,7 @@ class RunUnderTest(ProcessFaults):
         key = free_key(run, message) if free else key_of(run, message)
         seen = WireMessage(key, encode(message), overheard.wall_ns / 1e9)
         self.heard.append(seen)
-        for planned in tuple(self._planned):
-            if not planned.done and planned.pattern(seen):
-                self._planned.remove(planned)
-                try:
-                    planned.do(seen)
-                except Exception as error:  # noqa: BLE001 - it is the test's, and no end of the run
-                    self._raised = self._raised or error
-
-    def _raise_again(self) -> None:
-        """Raise what something that was planned has raised."""
-        error, self._raised = self._raised, None
-        if error is not None:
-            raise error
+        self._notice(seen)
 
     # How it continues.
 
@@ -414,6 +381,11 @@ class RunUnderTest(ProcessFaults):
         return self.run.outcome
 
     @property
+    def endpoint(self) -> str:
+        """Return where programs of yours may listen in: ``cubepath.protocol.open_client(...)``."""
+        return self.run.endpoint
+
+    @property
     def path(self) -> Path:
         """Return the path of the recording."""
         return self.run.log
@@ -448,23 +420,10 @@ class RunUnderTest(ProcessFaults):
         if status.ended is not None:
             why = f": {short(self.outcome.error)}" if self.outcome.error else ""
             lines.append(f"the run has ended, {status.ended}{why}")
-        lines += [self._about(name, pid) for name, pid in {**self._known, **self.pids}.items()]
+        lines += [self.about(name, pid) for name, pid in {**self._known, **self.pids}.items()]
         messages = [seen for seen in self.heard if seen.kind not in RESULTS]
         lines.append(table(messages, title="the last messages"))
         return "\n".join(lines)
-
-    def _about(self, name: str, pid: int) -> str:
-        """Return how a process is, in a line."""
-        paused = " paused," if name in self._paused else ""
-        is_there = self.pids.get(name) == pid
-        how = f"process id {pid}" if is_there else f"process id {pid}, has ended"
-        modules = self._modules.get(name, ())
-        whose = f", modules {', '.join(map(str, modules))}" if modules else ""
-        cut = name in self.links and self.links[name].up.cut
-        link = f", its link is cut ({cut})" if cut else ""
-        command = self.commands.get(name)
-        output = command.last_lines if command is not None else stderr_of(pid) if is_there else ""
-        return f"{name}:{paused} {how}{whose}{link}" + (f"; {output}" if output else "")
 
     def _fail(self, line: str) -> NoReturn:
         raise AssertionError(f"{line}\n{self.seen()}")

@@ -1,22 +1,19 @@
-"""The processes of a run under test, a link for each, and the rules that hold on all of them."""
+"""The processes under test, a link for each, and the rules that hold on all of them."""
 
-import re
 from collections.abc import Callable, Collection
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from cubepath.coordinator.runs.run import Run
 from cubepath.coordinator.testing.commands import Command, Guard
-from cubepath.coordinator.testing.link import LinkProxy
+from cubepath.coordinator.testing.link import LinkProxy, Tap
 from cubepath.coordinator.testing.log import What, pattern_of
-from cubepath.coordinator.testing.rules import SECONDS_MAX, Action, Pattern, Rule
+from cubepath.coordinator.testing.rules import SECONDS_MAX, Action, Direction, Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import WireMessage
-from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
-from cubepath.protocol.core.options import known_name, seconds as checked_seconds, whole_number
-from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, is_private
+from cubepath.protocol.core.options import known_name, seconds as checked_seconds
+from cubepath.protocol.wire.credentials import Credentials, is_private
 
 _OF_RULES = ("times", "after", "probability", "seed")
 _OF_ACTIONS: dict[Action, tuple[str, ...]] = {
@@ -26,11 +23,8 @@ _OF_ACTIONS: dict[Action, tuple[str, ...]] = {
     "reorder": ("by",),
 }
 """The other fields of each kind of rule."""
-_PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
 Target: TypeAlias = str | int
-"""A process by its name, or by the number of one of its modules."""
-_MODULE = re.compile(r"module_(\d+)")
-_REGION = re.compile(r"-?\d+(,-?\d+)*")
+"""A process by its name, or in runs by the number of one of its modules."""
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -54,10 +48,12 @@ class PlannedFault:
 
 
 class Wire:
-    """The processes of a run under test, ours and those of others, and their links, by name."""
+    """Processes and their links, by name."""
 
-    run: Run
     commands: dict[str, Command]
+    keys: tuple[str, ...] = tuple(Pattern.__slots__)
+    """What of a `Pattern` may be given."""
+    _tap: Tap | None = None
 
     def __init__(self, *, links: bool | Collection[str]) -> None:
         """Put links before all processes, none, or those of these names; InputError for others."""
@@ -68,66 +64,21 @@ class Wire:
         self.links: dict[str, LinkProxy] = {}
         self._guard: Guard | None = None
         self._known: dict[str, int] = {}
-        self._modules: dict[str, tuple[int, ...]] = {}
 
     # The processes.
 
     @property
     def pids(self) -> dict[str, int]:
-        """Return the process ids by name, those of commands included; none of a run that ended.
-
-        One of the run's own that has died is there until the run has noticed.
-        """
-        found: dict[str, int] = {}
-        with suppress(CubepathError):
-            found = self.run.pids
-        return found | {
+        """Return the process ids of the commands that run, by name."""
+        return {
             name: command.pid
             for name, command in self.commands.items()
             if command.returncode is None
         }
 
     def name_of(self, target: Target) -> str:
-        """Return the name of a process that is given by its name, or by one of its modules.
-
-        InputError for a name or a module that is not there.
-        """
-        found = _MODULE.fullmatch(target) if isinstance(target, str) else None
-        if isinstance(target, str) and found is None:
-            known = *self._known, *sorted(self._speakers - self._known.keys())
-            if not known:
-                raise InputError(f"{target}: there is none, the run has not begun or has ended")
-            return known_name("", target, known)
-        module = int(found[1]) if found is not None else target
-        self._check_module(module)
-        for name, modules in self._modules.items():
-            if module in modules:
-                return name
-        raise InputError(f"module_{module}: has no process of its own name, expected a name")
-
-    @property
-    def _speakers(self) -> set[str]:
-        return {link.speaks_as for link in self.links.values()}
-
-    def _check_module(self, module: object) -> None:
-        if module is not None:
-            whole_number("module", module, 0, len(self.run.scene.start) - 1)
-
-    def _check_speaker(self, sender: str) -> None:
-        known = {*self._known, *self._speakers, COORDINATOR} - {"router"}
-        known_name("sender=", sender, sorted(known))
-
-    def _is_region(self, name: str) -> bool:
-        """Return whether a name may be that of a region or a tile."""
-        scene = self.run.scene
-        regions = map(scene.system.region, (*scene.start, *(scene.goal or ())))
-        return _REGION.fullmatch(name) is not None or name in regions
-
-    def _named(self, target: str | int | None) -> str | None:
-        """Return the name of a process that is given by its name or one of its modules."""
-        if target is None or (isinstance(target, str) and _MODULE.fullmatch(target) is None):
-            return target
-        return self.name_of(target)
+        """Return the name of a process that is there; InputError for another."""
+        return known_name("", target, sorted({*self.pids, *self.links}))
 
     @property
     def guard(self) -> Guard:
@@ -142,7 +93,7 @@ class Wire:
         if name not in self.links and not (wanted if isinstance(wanted, bool) else name in wanted):
             return endpoint, credentials
         if name not in self.links:  # one that is started again has its link already
-            link = self.links[name] = LinkProxy(name, endpoint, credentials)
+            link = self.links[name] = LinkProxy(name, endpoint, credentials, tap=self._tap)
             if is_private(link.endpoint):
                 self.guard.watch_folder(Path(link.endpoint.partition("/")[2]).parent)
         return self.links[name].endpoint, credentials
@@ -199,38 +150,25 @@ class Wire:
     def _rule(self, action: Action, what: What, options: dict[str, Any]) -> Rule:
         own = (*_OF_RULES, *_OF_ACTIONS.get(action, ()))
         ours = {key: options.pop(key) for key in own if key in options}
-        strange = options.keys() - set(Pattern.__slots__)
+        strange = options.keys() - set(self.keys)
         if strange:
-            known_name("", min(strange), (*Pattern.__slots__, *own))
-        for key in options.keys() & {"sender", "to"}:
-            options[key] = self._named(options[key])
-        pattern = pattern_of(what, **options)
-        self._check_module(pattern.module)
+            known_name("", min(strange), (*self.keys, *own))
+        pattern = self._pattern(what, **options)
         if not self.links:
             raise InputError(f"{action}: no process has a link, expected links=True")
-        to, sender = self._named(pattern.to), self._speaks_as(self._named(pattern.sender))
-        if to is not None and (to in self.links or to.startswith(_PROCESS_LIKE)):
-            pattern = replace(pattern, to=None, sender=sender)
-            if sender is not None:
-                self._check_speaker(sender)
-            return self.link_of(to).add(Rule(action=action, pattern=pattern, **ours), ("down",))
-        if to is not None and not self._is_region(to):
-            raise InputError(
-                f"to={to}: expected a process, a region or a tile{did_you_mean(to, self.links)}"
-            )
-        if sender not in (None, COORDINATOR):
-            self.link_of(str(sender))  # what it says is met there alone
-        receivers = frozenset(link.speaks_as for link in self.links.values())
-        rule = Rule(
-            action=action, pattern=replace(pattern, sender=sender), upstream=receivers, **ours
-        )
-        for link in self.links.values():
-            link.add(rule)
-        return rule
+        return self._place(pattern, action=action, **ours)
 
-    def _speaks_as(self, name: str | None) -> str | None:
-        """Return the name in keys of a process that is given by that of its link."""
-        return self.links[name].speaks_as if name in self.links else name
+    def _pattern(self, what: What = "", **options: Any) -> Pattern:
+        return pattern_of(what, **options)
+
+    def _place(self, pattern: Pattern, **rule: Any) -> Rule:
+        """Add a rule at the link of its receiver, else of its sender, else at all."""
+        made = Rule(pattern=pattern, **rule)
+        way: Direction = "up" if pattern.to is None else "down"
+        end = pattern.sender if pattern.to is None else pattern.to
+        for link in self.links.values() if end is None else [self.link_of(end)]:
+            link.add(made, (way,))
+        return made
 
     def clear(self) -> None:
         """Take all rules away, and heal all links."""
