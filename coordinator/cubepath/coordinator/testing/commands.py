@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
 from typing import IO, Any, Self
@@ -24,6 +24,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 
 _END_S_MAX = 10.0
 _LINES_SHOWN = 10
+_POLL_S = 0.01
 _STDERR_MAX = 1 << 14
 LINES_MAX = 10_000
 """The number of last lines of a command that are kept, of each stream."""
@@ -234,6 +235,16 @@ class Command:
                     raise CheckError(f"{self.name} says {pattern!r}: it {why}; {self.last_lines}")
                 self._changed.wait(min(left, 0.1))
 
+    def until(self, holds: Callable[[], bool], what: str, timeout_s: float = 30.0) -> None:
+        """Wait until something holds of it; CheckError if it ends or the time is over before."""
+        deadline = time.monotonic() + timeout_s
+        while not holds():
+            over = self.returncode is not None
+            if over or time.monotonic() > deadline:
+                why = "ended before" if over else f"did not within {timeout_s:g} s"
+                raise CheckError(f"{self.name} {what}: it {why}; {self.last_lines}")
+            time.sleep(_POLL_S)
+
     @property
     def last_lines(self) -> str:
         """Return its last lines of each stream in one line."""
@@ -281,6 +292,31 @@ def _ended(child: subprocess.Popen[bytes], patience_s: float) -> None:
     except subprocess.TimeoutExpired:
         child.kill()
         child.wait()
+
+
+def started_at(
+    command: str | Sequence[str],
+    endpoint: str,
+    *,
+    name: str = "",
+    env: Mapping[str, str] | None = None,
+    cwd: Path | None = None,
+    **texts: str,
+) -> Command:
+    """Start a command with ``{endpoint}`` and each ``{name}`` of `texts` filled in.
+
+    They are in its environment too, as ``CUBEPATH_ENDPOINT``.
+    """
+    texts["endpoint"] = endpoint
+
+    def filled(text: str) -> str:
+        for key, value in texts.items():
+            text = text.replace(f"{{{key}}}", value)
+        return text
+
+    line = filled(command) if isinstance(command, str) else list(map(filled, command))
+    own = {f"CUBEPATH_{key.upper()}": value for key, value in texts.items()}
+    return Command(line, name=name, env={**own, **(env or {})}, cwd=cwd)
 
 
 def lives(pid: int) -> bool:

@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 from queue import Empty, SimpleQueue
 from typing import Any, Literal, Self, TypeAlias, cast
@@ -47,9 +47,8 @@ _PUBLISHERS_MAX = 512
 _END_S_MAX = 10.0
 
 Cut: TypeAlias = Literal["", "lost", "kept"]
-Event: TypeAlias = Literal["came", "passed", "lost"]
-"""A message comes, before any rule is asked; it passes, once for each copy; it is lost."""
-Tap: TypeAlias = Callable[[Event, WireMessage], None]
+Tap: TypeAlias = Callable[[WireMessage, bool], None]
+"""Called with each message before it is passed on, and whether it is lost instead."""
 
 
 @dataclass(slots=True, eq=False)
@@ -59,7 +58,7 @@ class _Put:
     key: str
     sample: zenoh.Sample
     size: int
-    """In bytes; 0 for a copy, which shares them."""
+    """In bytes, until it is counted as carried."""
     seen: WireMessage | None = None
     """What tap and rules see; None if nobody looks, or the process does not listen to it."""
 
@@ -176,14 +175,12 @@ class ProxyDirection:
                 self._look_at(item)
             except zenoh.ZError as error:
                 self.broken = self.broken or error
-            self._tell("came", item)
         fate = self._fate(item.seen) if isinstance(item, _Put) and item.seen is not None else None
         if fate is None or not isinstance(item, _Put):
             self._line.append((now, item))
             return
         if fate.dropped:
-            self._tell("lost", item)
-            self._bytes_out += item.size
+            self._leave(item, lost=True)
             return
         if fate.holder is not None:
             held = self._held.setdefault(id(fate.holder), (fate.holder, deque()))
@@ -195,11 +192,10 @@ class ProxyDirection:
         else:
             self._line.append((now + fate.late_s, item))
         for late_s in fate.copies:
-            copy = replace(item, size=0)
             if late_s:
-                self._later(now + late_s, copy)
+                self._later(now + late_s, item)
             else:
-                self._line.append((now, copy))
+                self._line.append((now, item))
 
     def _later(self, due: float, item: _Item) -> None:
         heapq.heappush(self._late, (due, next(self._number), item))
@@ -226,9 +222,11 @@ class ProxyDirection:
             down=self.direction == "down",
         )
 
-    def _tell(self, event: Event, item: _Put) -> None:
+    def _leave(self, item: _Put, *, lost: bool) -> None:
+        self._bytes_out += item.size
+        item.size = 0
         if self._tap is not None and item.seen is not None:
-            self._tap(event, item.seen)
+            self._tap(item.seen, lost)
 
     def _fate(self, seen: WireMessage) -> Fate | None:
         try:
@@ -267,8 +265,7 @@ class ProxyDirection:
     def _carry(self, item: _Item) -> None:
         lost = self.cut == "lost"
         if isinstance(item, _Put):
-            self._bytes_out += item.size
-            self._tell("lost" if lost else "passed", item)
+            self._leave(item, lost=lost)
         if lost:
             if isinstance(item, _Do):
                 self._waits.append(item)
@@ -436,9 +433,10 @@ class LinkProxy:
         return self.down.listens(key)
 
     @property
-    def is_passed_by(self) -> bool:
-        """Whether the process came as a peer, which may reach other peers without its link."""
-        return bool(self._far.info.peers_zid())
+    def warning(self) -> str:
+        """What a process does by which rules and cuts may miss its messages, or empty."""
+        is_peer = bool(self._far.info.peers_zid())
+        return "is a peer, which may go past its link, expected mode client" if is_peer else ""
 
     def add(self, rule: Rule, directions: Iterable[Direction] = ("up", "down")) -> Rule:
         """Have a rule decide on the messages of these directions from now on; return it."""

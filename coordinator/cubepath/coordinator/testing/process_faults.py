@@ -144,7 +144,10 @@ class ProcessFaults(Wire):
         if isinstance(at, int):
             whole_number("at", at, 0)
             return self._plan(lambda seen: (seen.round or 0) >= at, act)
-        return self._plan(self._pattern(at).holds, act)
+        return self._plan(self._means(self._pattern(at)), act)
+
+    def _means(self, pattern: Pattern) -> Callable[[WireMessage], bool]:
+        return pattern.holds
 
     def _plan(
         self, pattern: Callable[[WireMessage], bool], act: Callable[[], None]

@@ -93,6 +93,8 @@ class RunProcesses(ProcessFaults):
 
     def _place(self, pattern: Pattern, **rule: Any) -> Rule:
         """Add a rule at the link of a receiver, or at all: messages are met at their sender's."""
+        if not self.links:
+            raise InputError(f"{rule['action']}: no process has a link, expected links=True")
         to, sender = self._named(pattern.to), self._speaks_as(self._named(pattern.sender))
         if to is not None and (to in self.links or to.startswith(_PROCESS_LIKE)):
             if sender is not None:

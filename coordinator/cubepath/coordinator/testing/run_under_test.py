@@ -24,7 +24,7 @@ from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.testing.commands import Command, check_command, lives
+from cubepath.coordinator.testing.commands import Command, check_command, lives, started_at
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
 from cubepath.coordinator.testing.run_processes import RunProcesses
 from cubepath.coordinator.testing.wire import Target
@@ -77,14 +77,7 @@ class Joiners:
     def start(self, way: Callable[[str], str]) -> None:
         """Start all; the way is where the one of a name finds the run."""
         for name, line in self.lines.items():
-            where = way(name)
-            filled = (
-                line.replace("{endpoint}", where)
-                if isinstance(line, str)
-                else [text.replace("{endpoint}", where) for text in line]
-            )
-            env = {"CUBEPATH_ENDPOINT": where, **self._env}
-            self.running[name] = Command(filled, name=name, env=env)
+            self.running[name] = started_at(line, way(name), name=name, env=self._env)
 
     def over(self) -> None:
         """Have it that all are there: who ends from now on, ends in the run."""

@@ -154,8 +154,6 @@ class Wire:
         if strange:
             known_name("", min(strange), (*self.keys, *own))
         pattern = self._pattern(what, **options)
-        if not self.links:
-            raise InputError(f"{action}: no process has a link, expected links=True")
         return self._place(pattern, action=action, **ours)
 
     def _pattern(self, what: What = "", **options: Any) -> Pattern:
