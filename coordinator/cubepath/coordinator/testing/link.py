@@ -43,6 +43,8 @@ WAITING_BYTES_MAX = 1 << 26
 """At most this many messages wait in a direction, and bytes of them."""
 _BEHIND_S_MAX = 1.0
 """A message that others are to overtake waits for them no longer."""
+_BRAKE_S = 0.001
+"""From half of that on zenoh's thread, and so the sender, is slowed: others wait for it too."""
 _PUBLISHERS_MAX = 512
 _END_S_MAX = 10.0
 
@@ -117,6 +119,8 @@ class ProxyDirection:
         if waiting >= WAITING_MAX or inside >= WAITING_BYTES_MAX:
             self.overflowed += 1
             return
+        if waiting > WAITING_MAX / 2 or inside > WAITING_BYTES_MAX / 2:
+            time.sleep(_BRAKE_S)
         size = len(sample.payload)
         self._bytes_in += size
         self._queue.put(_Put(str(sample.key_expr), sample, size))

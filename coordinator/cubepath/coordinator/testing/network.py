@@ -130,6 +130,7 @@ class NetworkUnderTest(ProcessFaults):
             self._running()
             before = self.commands.get(name)
             if before is not None:
+                self._wounded.add(name)
                 before.close()
             found = self.commands[name] = self._lines[name]()
             self._known[name] = found.pid

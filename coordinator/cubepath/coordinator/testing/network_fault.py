@@ -17,8 +17,8 @@ class NetworkFault:
     """One fault of a process or its link, for `NetworkUnderTest.inject`.
 
     Of the messages that the process puts (``way="up"``) or that come to it (``"down"``), `nth` pass
-    before it. Then `count` messages are lost (``drop``), repeated (``double``), late by `seconds`
-    (``delay``) or overtaken by the next (``reorder``). A ``cut`` loses `count` messages, of both
+    before it. Then `count` messages are lost (``drop``), repeated (``double``) or late (``delay``)
+    after `seconds`, or overtaken by the next (``reorder``). A ``cut`` loses `count` messages, of both
     ways. When the process has put `nth` messages it stands still for `seconds` (``pause``), or is
     killed and started again (``restart``).
     """
