@@ -7,14 +7,14 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
 
 from cubepath.coordinator.testing import network_log
 from cubepath.coordinator.testing.fixtures import RunFixture
-from cubepath.coordinator.testing.network import NetworkUnderTest
-from cubepath.coordinator.testing.network_fault import NetworkFault
+from cubepath.coordinator.testing.network import NetworkFault, NetworkUnderTest
 from cubepath.coordinator.testing.network_log import MessageLog
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.wire_messages import WireMessage
@@ -24,6 +24,7 @@ from cubepath.protocol.wire.sessions import open_client, put, subscribe
 from processes.living import is_there
 
 pytestmark = pytest.mark.slow
+UNKNOWN: Any = "loss"
 PROGRAM = """
 import json, sys, time, zenoh
 config = zenoh.Config()
@@ -104,8 +105,11 @@ def test_deletes_queries_and_what_is_with_a_message_pass(ends: Ends) -> None:
     first, second = ends.network.log.messages("robot/arm", to="b")
     assert (first.encoding, first.attachment, first.deletes) == ("text/plain", b"mine", False)
     assert second.deletes
-    answer = zenoh.handlers.Callback(lambda query: query.reply("robot/is", "well"), indirect=False)
-    ends.b.declare_queryable("robot/is", answer)
+
+    def answer(query: zenoh.Query) -> None:
+        query.reply("robot/is", "well")
+
+    ends.b.declare_queryable("robot/is", zenoh.handlers.Callback(answer, indirect=False))
     deadline = time.monotonic() + 30
     while not (found := [reply.ok for reply in ends.a.get("robot/is") if reply.ok]):
         assert time.monotonic() < deadline
@@ -155,7 +159,7 @@ def test_messages_of_others_are_not_decoded(ends: Ends) -> None:
         (lambda n: n.log.count(sender="arm"), "arm: expected one of a$"),
         (lambda n: n.start("router", "true"), "name='router': expected a name for a process"),
         (lambda n: n.restart("a"), "restart: a: expected one of none$"),
-        (lambda n: n.inject([NetworkFault("loss", "a")]), "kind=loss: expected one of drop, "),
+        (lambda _: NetworkFault(UNKNOWN, "a"), "kind=loss: expected one of drop, "),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_line(act: object, line: str, cubepath_network: NetworkUnderTest) -> None:
@@ -201,8 +205,8 @@ def test_a_peer_is_warned_of(cubepath_network: NetworkUnderTest) -> None:
 
 
 def test_a_flood_takes_bounded_memory() -> None:
-    """Of 300 MB over a link that keeps them some are lost, and the end of the test says so."""
-    line = r"^the link of b lost \d+ messages on the way down: more than 65536, or 64 MiB, waited$"
+    """Of 600 MB over a link that keeps them some are lost, and the end of the test says so."""
+    line = r"^the link of b lost \d+ messages on the way down: more than 65536, or 32 MiB, waited$"
     with (
         pytest.raises(CheckError, match=line),
         NetworkUnderTest() as network,
@@ -211,12 +215,11 @@ def test_a_flood_takes_bounded_memory() -> None:
         ends = Ends(network, resources)
         network.cut_off("b", keep=True)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        for number in range(3000):
+        for number in range(6000):
             put(ends.a, f"robot/{number % 10}", bytes(100_000))
-        network.until("robot/**", times=3000)
-        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
-        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 300_000
-        with pytest.raises(CheckError, match=r"kept are \d+ of 3000 messages and 10 keys, 0 are"):
+        network.until("robot/**", times=6000)
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 250_000
+        with pytest.raises(CheckError, match=r"kept are \d+ of 6000 messages and 10 keys, 0 are"):
             network.log.count("robot/**", where=lambda seen: bool(seen.data))
         network.until(lambda _: network.link_of("b").down.overflowed)
 
@@ -236,12 +239,13 @@ def test_a_log_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_log_is_a_note_of_what_ends_a_block() -> None:
     """And nothing is left; it can be used no more."""
-    with pytest.raises(ZeroDivisionError) as raised, NetworkUnderTest() as network:
-        command = network.start("arm", arm(1000))
+    network = NetworkUnderTest()
+    with pytest.raises(ZeroDivisionError) as raised, network:
+        network.start("arm", arm(1000))
         network.until("robot/arm/pose")
         raise ZeroDivisionError
     assert "robot/arm/pose" in raised.value.__notes__[0]
-    assert not is_there(command.pid)
+    assert not is_there(network.commands["arm"].pid)
     with pytest.raises(InputError, match=r"^the network is not open"):
         network.start("leg", arm(1))
 

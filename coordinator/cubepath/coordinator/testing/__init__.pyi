@@ -10,8 +10,10 @@ from cubepath.coordinator.testing.log import (
     ExecutedMove as ExecutedMove,
     RunLog as RunLog,
 )
-from cubepath.coordinator.testing.network import NetworkUnderTest as NetworkUnderTest
-from cubepath.coordinator.testing.network_fault import NetworkFault as NetworkFault
+from cubepath.coordinator.testing.network import (
+    NetworkFault as NetworkFault,
+    NetworkUnderTest as NetworkUnderTest,
+)
 from cubepath.coordinator.testing.network_log import MessageLog as MessageLog
 from cubepath.coordinator.testing.replaying import Listener as Listener
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Any, Self, TypeAlias
 
 from cubepath.coordinator.testing import subreaper
 from cubepath.coordinator.testing.wire_messages import short
@@ -26,6 +26,7 @@ _END_S_MAX = 10.0
 _LINES_SHOWN = 10
 _POLL_S = 0.01
 _STDERR_MAX = 1 << 14
+CommandLine: TypeAlias = "str | Sequence[str]"
 LINES_MAX = 10_000
 """The number of last lines of a command that are kept, of each stream."""
 LINE_BYTES_MAX = 1 << 13
@@ -139,12 +140,17 @@ class Command:
         name: str = "",
         env: Mapping[str, str] | None = None,
         cwd: Path | None = None,
+        **texts: str,
     ) -> None:
         """Start it; a text is split as a shell does. InputError if there is no such program.
 
-        `env` is added to the environment of this process.
+        `env` is added to the environment of this process. Each of `texts`, as ``endpoint``, stands
+        for ``{endpoint}`` in the command, and is in the environment as ``CUBEPATH_ENDPOINT``.
         """
         arguments = check_command(command)
+        for key, value in texts.items():
+            arguments = [text.replace(f"{{{key}}}", value) for text in arguments]
+        own = {f"CUBEPATH_{key.upper()}": value for key, value in texts.items()}
         if not arguments:
             raise InputError("command: is empty, expected a program and its arguments")
         self.arguments = arguments
@@ -156,7 +162,7 @@ class Command:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             cwd=cwd,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **own, **(env or {})},
         )
         self._readers: list[threading.Thread] = []
         self.pid = 0
@@ -285,6 +291,68 @@ class Command:
         self.close()
 
 
+class Joiners:
+    """The commands of one run, by their names."""
+
+    def __init__(
+        self,
+        commands: Mapping[str, CommandLine] | Sequence[CommandLine],
+        env: Mapping[str, str] | None,
+        timeout_s: float,
+    ) -> None:
+        """Plan them; unless named they are ``own_0`` and so on. InputError for what is no list."""
+        if isinstance(commands, str) or not isinstance(commands, Mapping | Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"commands={commands}: expected a list, or names with commands")
+        numbered = {f"own_{number}": line for number, line in enumerate(commands)}
+        self.lines = dict(commands) if isinstance(commands, Mapping) else numbered
+        for line in self.lines.values():
+            check_command(line)
+        if not isinstance(env, Mapping | None):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"env={env!r}: expected names with values")
+        self.running: dict[str, Command] = {}
+        self._env = dict(env or {})
+        self._timeout_s = timeout_s
+        self._deadline: float | None = None
+
+    def fit(self, secure: object) -> None:
+        """Check that they can join a run with these certificates; InputError if not."""
+        if secure is not None:
+            raise InputError(
+                f"commands with secure={secure}: they join a run without TLS, expected one of both"
+            )
+
+    def begin(self) -> None:
+        """Let the time begin within which all are there."""
+        self._deadline = time.monotonic() + self._timeout_s
+
+    def start(self, way: Callable[[str], str]) -> None:
+        """Start all; the way is where the one of a name finds the run."""
+        for name, line in self.lines.items():
+            self.running[name] = Command(line, name=name, env=self._env, endpoint=way(name))
+
+    def over(self) -> None:
+        """Have it that all are there: who ends from now on, ends in the run."""
+        self._deadline = None
+
+    def check(self) -> None:
+        """Raise CheckError if one has ended before the run began, or the time is over."""
+        if self._deadline is None or not self.lines:
+            return
+        for name, command in self.running.items():
+            code = command.returncode
+            if code is not None:
+                command.wait()  # until all that it said is read
+                raise CheckError(
+                    f"{name} ended before it joined, exit code {code}; {command.last_lines}"
+                )
+        if time.monotonic() > self._deadline:
+            processes = [f"{name}: {each.last_lines}" for name, each in self.running.items()]
+            outputs = "; ".join(processes) or "none was started"
+            raise CheckError(
+                f"not within {self._timeout_s:g} s: the commands have joined; {outputs}"
+            )
+
+
 def _ended(child: subprocess.Popen[bytes], patience_s: float) -> None:
     """Wait for the end of a subreaper, and kill it if it does not come."""
     try:
@@ -292,31 +360,6 @@ def _ended(child: subprocess.Popen[bytes], patience_s: float) -> None:
     except subprocess.TimeoutExpired:
         child.kill()
         child.wait()
-
-
-def started_at(
-    command: str | Sequence[str],
-    endpoint: str,
-    *,
-    name: str = "",
-    env: Mapping[str, str] | None = None,
-    cwd: Path | None = None,
-    **texts: str,
-) -> Command:
-    """Start a command with ``{endpoint}`` and each ``{name}`` of `texts` filled in.
-
-    They are in its environment too, as ``CUBEPATH_ENDPOINT``.
-    """
-    texts["endpoint"] = endpoint
-
-    def filled(text: str) -> str:
-        for key, value in texts.items():
-            text = text.replace(f"{{{key}}}", value)
-        return text
-
-    line = filled(command) if isinstance(command, str) else list(map(filled, command))
-    own = {f"CUBEPATH_{key.upper()}": value for key, value in texts.items()}
-    return Command(line, name=name, env={**own, **(env or {})}, cwd=cwd)
 
 
 def lives(pid: int) -> bool:

@@ -39,7 +39,7 @@ from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
 from cubepath.protocol.wire.sessions import open_client, open_router, publisher
 
 WAITING_MAX = 1 << 16
-WAITING_BYTES_MAX = 1 << 26
+WAITING_BYTES_MAX = 1 << 25
 """At most this many messages wait in a direction, and bytes of them."""
 _BEHIND_S_MAX = 1.0
 """A message that others are to overtake waits for them no longer."""

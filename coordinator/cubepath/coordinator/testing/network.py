@@ -6,18 +6,17 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self, TypeAlias, get_args
 
-from cubepath.coordinator.testing.commands import Command, check_command, started_at
+from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.coordinator.testing.log import What
-from cubepath.coordinator.testing.network_fault import NetworkFault
-from cubepath.coordinator.testing.network_log import KEYS, MessageLog, means
-from cubepath.coordinator.testing.process_faults import ProcessFaults, When
-from cubepath.coordinator.testing.rules import Action, Pattern, Rule
-from cubepath.coordinator.testing.wire import PlannedFault, Target
+from cubepath.coordinator.testing.network_log import MessageLog
+from cubepath.coordinator.testing.process_faults import PlannedFault, ProcessFaults, Target, When
+from cubepath.coordinator.testing.rules import Action, Direction, Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import known_name, seconds, whole_number
@@ -27,6 +26,38 @@ from cubepath.protocol.wire.router import Router
 __tracebackhide__ = True  # pytest shows no frames of this module
 _LOOPBACK = "tcp/127.0.0.1:0"
 _POLL_S = 0.01
+
+
+NetworkFaultKind: TypeAlias = Literal[
+    "drop", "double", "delay", "reorder", "cut", "pause", "restart"
+]
+NETWORK_FAULTS: tuple[NetworkFaultKind, ...] = get_args(NetworkFaultKind)
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkFault:
+    """One fault of a process or its link, for `NetworkUnderTest.inject`.
+
+    `nth` messages that the process puts (``way="up"``), or that come to it (``"down"``), pass. The
+    next `count` are lost (``drop``), repeated (``double``) or late (``delay``) after `seconds`, or
+    overtaken by the next (``reorder``); a ``cut`` loses those of both ways. After `nth` messages
+    that it puts, a process stands still for `seconds` (``pause``), or is killed and started again
+    (``restart``).
+    """
+
+    kind: NetworkFaultKind
+    process: str
+    nth: int = 0
+    count: int = 1
+    way: Direction = "up"
+    seconds: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check it; InputError for what is no fault."""
+        known_name("kind=", self.kind, NETWORK_FAULTS)
+        known_name("way=", self.way, get_args(Direction))
+        whole_number("nth", self.nth, 0)
+        whole_number("count", self.count, 1)
 
 
 class NetworkUnderTest(ProcessFaults):
@@ -40,8 +71,6 @@ class NetworkUnderTest(ProcessFaults):
     ...     network.drop("robot/arm/pose", times=3)
     ...     network.until("robot/arm/done")
     """
-
-    keys = KEYS
 
     def __init__(self, *, timeout_s: float = 30.0, env: Mapping[str, str] | None = None) -> None:
         """Plan it; `timeout_s` is how long things are awaited, `env` is for all processes."""
@@ -118,7 +147,7 @@ class NetworkUnderTest(ProcessFaults):
         if name in self.commands and self.commands[name].returncode is None:
             raise InputError(f"{name}: runs already, expected another name, or restart({name!r})")
         own = {**self._env, **(env or {})}
-        self._lines[name] = lambda: started_at(command, endpoint, name=name, env=own, cwd=cwd)
+        self._lines[name] = lambda: Command(command, name=name, env=own, cwd=cwd, endpoint=endpoint)
         found = self._launch(name)
         if listens:
             link = self.links[name]
@@ -152,9 +181,6 @@ class NetworkUnderTest(ProcessFaults):
 
     def _pattern(self, what: What = "", **options: Any) -> Pattern:
         return self.log.pattern(what, **options)
-
-    def _means(self, pattern: Pattern) -> Callable[[WireMessage], bool]:
-        return lambda seen: means(pattern, seen)
 
     def _do(self, at: When, act: Callable[[], None]) -> PlannedFault:
         if isinstance(at, int):
@@ -232,10 +258,6 @@ class NetworkUnderTest(ProcessFaults):
         lines = [self.about(name, pid) for name, pid in self._known.items()]
         lines += [f"{name}: {each}" for name, link in self.links.items() if (each := link.warning)]
         return "\n".join([*lines, str(self.log)])
-
-    def _role(self, name: str) -> str:
-        code = self.commands[name].returncode
-        return "" if code is None else f" ({code})"
 
     def report_lines(self) -> list[str]:
         """Return what the report of a failed test shows."""

@@ -76,7 +76,7 @@ class MessageLog:
         meant = self.pattern(what, **pattern)
         anyhow = replace(meant, where=None)
         with self.changed:
-            total = sum(count for alike, count in self._counts.items() if means(anyhow, alike))
+            total = sum(count for alike, count in self._counts.items() if anyhow.holds(alike))
             there = self.messages(anyhow) if meant.where is not None else []
         if self._uncounted or (meant.where is not None and len(there) < total):
             raise CheckError(
@@ -89,7 +89,7 @@ class MessageLog:
         """Return such messages in order, of those that are kept."""
         meant = self.pattern(what, **pattern)
         with self.changed:
-            return [seen for seen, lost in self._kept if not lost and means(meant, seen)]
+            return [seen for seen, lost in self._kept if not lost and meant.holds(seen)]
 
     def assert_order(self, first: What, then: What) -> None:
         """Check that the first message of one key or pattern comes before the first of another."""
@@ -102,7 +102,7 @@ class MessageLog:
     def _first(self, what: What) -> int | None:
         meant = self.pattern(what)
         with self.changed:
-            found = (at for at, (seen, lost) in enumerate(self._kept) if means(meant, seen) > lost)
+            found = (at for at, (seen, lost) in enumerate(self._kept) if meant.holds(seen) > lost)
             return next(found, None)
 
     def __str__(self) -> str:
@@ -121,11 +121,6 @@ class MessageLog:
             [f"messages by key, {len(counts)} keys:", *most, "the last messages:"]
             + ["  " + line.rstrip() for line in aligned(rows)]
         )
-
-
-def means(pattern: Pattern, seen: WireMessage) -> bool:
-    """Return whether a message is meant: put by a process or, with `to`, delivered to it."""
-    return seen.down == (pattern.to is not None) and pattern.holds(seen)
 
 
 def _text_of(data: bytes) -> str:

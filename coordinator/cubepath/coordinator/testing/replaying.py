@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.replay_comparison import ReplayResult
-from cubepath.coordinator.testing.commands import Command, check_command, started_at
+from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.wire_messages import WireMessage
@@ -55,7 +55,7 @@ class Listener:
         def announce(endpoint: str, run: str) -> None:
             link = self._resources.enter_context(LinkProxy("listener", endpoint))
 
-            found = started_at(command, link.endpoint, env=env, run=run)
+            found = Command(command, env=env, endpoint=link.endpoint, run=run)
             self._command = self._resources.enter_context(found)
             listens = f"cubepath/{run}/**"
             found.until(lambda: link.listens(listens), "listens to the run", timeout_s)

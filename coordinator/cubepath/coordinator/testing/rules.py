@@ -74,7 +74,9 @@ class Pattern:
     def holds(self, seen: WireMessage, receiver: str = "") -> bool:
         """Return whether a message is meant; on its way down a link it has a `receiver`."""
         return (
-            (self.key is None or _key_expression(self.key).intersects(seen.key))
+            # One that is put to a process is another message than the one that was put.
+            (seen.link is None or bool(receiver) or seen.down == (self.to is not None))
+            and (self.key is None or _key_expression(self.key).intersects(seen.key))
             and (self.sender is None or self.sender == seen.sender)
             and (self.to is None or self.to in (receiver, seen.to))
             and self._round(seen)

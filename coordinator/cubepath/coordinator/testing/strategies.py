@@ -28,11 +28,7 @@ from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, fre
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario, built
 from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, host_node, simulate
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.network_fault import (
-    NETWORK_FAULTS,
-    NetworkFault,
-    NetworkFaultKind,
-)
+from cubepath.coordinator.testing.network import NETWORK_FAULTS, NetworkFault, NetworkFaultKind
 from cubepath.coordinator.testing.rules import SECONDS_MAX, Direction
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
