@@ -35,7 +35,7 @@ def test_a_link_that_is_cut_loses_no_sale(cubepath_network: NetworkUnderTest) ->
 
 
 @given(network_faults(["store", "till"], kinds=["cut", "drop", "double", "delay", "pause"]))
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_no_fault_loses_a_sale(faults: list[NetworkFault]) -> None:
     """Nor sells anything twice."""
     with NetworkUnderTest() as network:
