@@ -456,6 +456,6 @@ def _processes(about: RunInfo) -> int:
 
 
 def _new_name(about: RunInfo) -> Path:
-    family = name_part(about.parameters.get("family", "")) or "run"
+    family = name_part(about.parameters.get("family", "")) or ("run" if about.run else "messages")
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     return Path("logs") / f"{family}-attached-{now}.mcap"
