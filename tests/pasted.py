@@ -86,7 +86,8 @@ class Desk:
 
     def __post_init__(self) -> None:
         """Put into the folder what a clone has and pages read."""
-        (self.folder / "tests").symlink_to(ROOT / "tests")
+        for name in ("tests", "docs"):
+            (self.folder / name).symlink_to(ROOT / name)
         shutil.copytree(GOLDEN, self.folder / "logs" / "golden")
 
     def paste(self, block: Block) -> None:

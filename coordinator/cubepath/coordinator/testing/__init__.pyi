@@ -10,6 +10,11 @@ from cubepath.coordinator.testing.log import (
     ExecutedMove as ExecutedMove,
     RunLog as RunLog,
 )
+from cubepath.coordinator.testing.network import (
+    NetworkFault as NetworkFault,
+    NetworkUnderTest as NetworkUnderTest,
+)
+from cubepath.coordinator.testing.network_log import MessageLog as MessageLog
 from cubepath.coordinator.testing.replaying import Listener as Listener
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule
 from cubepath.coordinator.testing.run_under_test import RunUnderTest as RunUnderTest
@@ -18,6 +23,7 @@ from cubepath.coordinator.testing.strategies import (
     TrialResult as TrialResult,
     fault as fault,
     faults as faults,
+    network_faults as network_faults,
     scenarios as scenarios,
     trial_of as trial_of,
 )

@@ -13,10 +13,10 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import IO, Any, Self
+from typing import IO, Any, Self, TypeAlias
 
 from cubepath.coordinator.testing import subreaper
 from cubepath.coordinator.testing.wire_messages import short
@@ -24,7 +24,9 @@ from cubepath.protocol.core.errors import CheckError, InputError
 
 _END_S_MAX = 10.0
 _LINES_SHOWN = 10
+_POLL_S = 0.01
 _STDERR_MAX = 1 << 14
+CommandLine: TypeAlias = "str | Sequence[str]"
 LINES_MAX = 10_000
 """The number of last lines of a command that are kept, of each stream."""
 LINE_BYTES_MAX = 1 << 13
@@ -138,12 +140,17 @@ class Command:
         name: str = "",
         env: Mapping[str, str] | None = None,
         cwd: Path | None = None,
+        **texts: str,
     ) -> None:
         """Start it; a text is split as a shell does. InputError if there is no such program.
 
-        `env` is added to the environment of this process.
+        `env` is added to the environment of this process. Each of `texts`, as ``endpoint``, stands
+        for ``{endpoint}`` in the command, and is in the environment as ``CUBEPATH_ENDPOINT``.
         """
         arguments = check_command(command)
+        for key, value in texts.items():
+            arguments = [text.replace(f"{{{key}}}", value) for text in arguments]
+        own = {f"CUBEPATH_{key.upper()}": value for key, value in texts.items()}
         if not arguments:
             raise InputError("command: is empty, expected a program and its arguments")
         self.arguments = arguments
@@ -155,7 +162,7 @@ class Command:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             cwd=cwd,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **own, **(env or {})},
         )
         self._readers: list[threading.Thread] = []
         self.pid = 0
@@ -234,6 +241,16 @@ class Command:
                     raise CheckError(f"{self.name} says {pattern!r}: it {why}; {self.last_lines}")
                 self._changed.wait(min(left, 0.1))
 
+    def until(self, holds: Callable[[], bool], what: str, timeout_s: float = 30.0) -> None:
+        """Wait until something holds of it; CheckError if it ends or the time is over before."""
+        deadline = time.monotonic() + timeout_s
+        while not holds():
+            over = self.returncode is not None
+            if over or time.monotonic() > deadline:
+                why = "ended before" if over else f"did not within {timeout_s:g} s"
+                raise CheckError(f"{self.name} {what}: it {why}; {self.last_lines}")
+            time.sleep(_POLL_S)
+
     @property
     def last_lines(self) -> str:
         """Return its last lines of each stream in one line."""
@@ -272,6 +289,68 @@ class Command:
     def __exit__(self, *_: object) -> None:
         """End it."""
         self.close()
+
+
+class Joiners:
+    """The commands of one run, by their names."""
+
+    def __init__(
+        self,
+        commands: Mapping[str, CommandLine] | Sequence[CommandLine],
+        env: Mapping[str, str] | None,
+        timeout_s: float,
+    ) -> None:
+        """Plan them; unless named they are ``own_0`` and so on. InputError for what is no list."""
+        if isinstance(commands, str) or not isinstance(commands, Mapping | Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"commands={commands}: expected a list, or names with commands")
+        numbered = {f"own_{number}": line for number, line in enumerate(commands)}
+        self.lines = dict(commands) if isinstance(commands, Mapping) else numbered
+        for line in self.lines.values():
+            check_command(line)
+        if not isinstance(env, Mapping | None):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"env={env!r}: expected names with values")
+        self.running: dict[str, Command] = {}
+        self._env = dict(env or {})
+        self._timeout_s = timeout_s
+        self._deadline: float | None = None
+
+    def fit(self, secure: object) -> None:
+        """Check that they can join a run with these certificates; InputError if not."""
+        if secure is not None:
+            raise InputError(
+                f"commands with secure={secure}: they join a run without TLS, expected one of both"
+            )
+
+    def begin(self) -> None:
+        """Let the time begin within which all are there."""
+        self._deadline = time.monotonic() + self._timeout_s
+
+    def start(self, way: Callable[[str], str]) -> None:
+        """Start all; the way is where the one of a name finds the run."""
+        for name, line in self.lines.items():
+            self.running[name] = Command(line, name=name, env=self._env, endpoint=way(name))
+
+    def over(self) -> None:
+        """Have it that all are there: who ends from now on, ends in the run."""
+        self._deadline = None
+
+    def check(self) -> None:
+        """Raise CheckError if one has ended before the run began, or the time is over."""
+        if self._deadline is None or not self.lines:
+            return
+        for name, command in self.running.items():
+            code = command.returncode
+            if code is not None:
+                command.wait()  # until all that it said is read
+                raise CheckError(
+                    f"{name} ended before it joined, exit code {code}; {command.last_lines}"
+                )
+        if time.monotonic() > self._deadline:
+            processes = [f"{name}: {each.last_lines}" for name, each in self.running.items()]
+            outputs = "; ".join(processes) or "none was started"
+            raise CheckError(
+                f"not within {self._timeout_s:g} s: the commands have joined; {outputs}"
+            )
 
 
 def _ended(child: subprocess.Popen[bytes], patience_s: float) -> None:

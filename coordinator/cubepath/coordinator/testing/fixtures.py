@@ -14,9 +14,10 @@ from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
+from cubepath.coordinator.testing.commands import CommandLine
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
 from cubepath.coordinator.testing.replaying import Listener, on_wire
-from cubepath.coordinator.testing.run_under_test import CommandLine, RunUnderTest
+from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.coordinator.testing.strategies import TrialResult, trial_of
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage
 from cubepath.protocol.core.errors import InputError

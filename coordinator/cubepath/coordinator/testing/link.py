@@ -39,25 +39,30 @@ from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
 from cubepath.protocol.wire.sessions import open_client, open_router, publisher
 
 WAITING_MAX = 1 << 16
-"""At most this many messages wait in a direction."""
+WAITING_BYTES_MAX = 1 << 25
+"""At most this many messages wait in a direction, and bytes of them."""
 _BEHIND_S_MAX = 1.0
 """A message that others are to overtake waits for them no longer."""
+_BRAKE_S = 0.001
+"""From half of that on zenoh's thread, and so the sender, is slowed: others wait for it too."""
 _PUBLISHERS_MAX = 512
 _END_S_MAX = 10.0
 
 Cut: TypeAlias = Literal["", "lost", "kept"]
+Tap: TypeAlias = Callable[[WireMessage, bool], None]
+"""Called with each message before it is passed on, and whether it is lost instead."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class _Put:
     """A message on its way."""
 
     key: str
     sample: zenoh.Sample
-
-    @property
-    def data(self) -> bytes:
-        return self.sample.payload.to_bytes()
+    size: int
+    """In bytes, until it is counted as carried."""
+    seen: WireMessage | None = None
+    """What tap and rules see; None if nobody looks, or the process does not listen to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +78,9 @@ _Item: TypeAlias = _Put | _Do
 class ProxyDirection:
     """One direction of a link: what comes in at one end is put at the other, in its order."""
 
-    def __init__(self, direction: Direction, process: str, out: zenoh.Session) -> None:
+    def __init__(
+        self, direction: Direction, process: str, out: zenoh.Session, tap: Tap | None = None
+    ) -> None:
         """Carry to the session `out`; `process` is the name at the far end."""
         self.direction: Direction = direction
         self.rules: list[Rule] = []
@@ -87,7 +94,10 @@ class ProxyDirection:
         """What carrying something raised first."""
         self.cut: Cut = ""
         self._receiver = process if direction == "down" else ""
+        self._process = process
+        self._tap = tap
         self._out = out
+        self._bytes_in, self._bytes_out = 0, 0  # each counted by one thread alone
         self._queue: SimpleQueue[_Item | None] = SimpleQueue()
         self._line: deque[tuple[float, _Item]] = deque()
         self._late: list[tuple[float, int, _Item]] = []
@@ -105,10 +115,15 @@ class ProxyDirection:
 
     def take(self, sample: zenoh.Sample) -> None:
         """Take a message; a callback of zenoh."""
-        if self._queue.qsize() + self._inside >= WAITING_MAX:
+        waiting, inside = self._queue.qsize() + self._inside, self._bytes_in - self._bytes_out
+        if waiting >= WAITING_MAX or inside >= WAITING_BYTES_MAX:
             self.overflowed += 1
             return
-        self._queue.put(_Put(str(sample.key_expr), sample))
+        if waiting > WAITING_MAX / 2 or inside > WAITING_BYTES_MAX / 2:
+            time.sleep(_BRAKE_S)
+        size = len(sample.payload)
+        self._bytes_in += size
+        self._queue.put(_Put(str(sample.key_expr), sample, size))
 
     def do(self, act: Callable[[], None]) -> None:
         """Take something that is no message."""
@@ -160,11 +175,16 @@ class ProxyDirection:
         now = time.monotonic()
         if isinstance(item, _Put):
             self._behind = [(left - 1, until, each) for left, until, each in self._behind]
-        fate = self._fate(item) if self.rules and isinstance(item, _Put) else None
-        if fate is None:
+            try:
+                self._look_at(item)
+            except zenoh.ZError as error:
+                self.broken = self.broken or error
+        fate = self._fate(item.seen) if isinstance(item, _Put) and item.seen is not None else None
+        if fate is None or not isinstance(item, _Put):
             self._line.append((now, item))
             return
         if fate.dropped:
+            self._leave(item, lost=True)
             return
         if fate.holder is not None:
             held = self._held.setdefault(id(fate.holder), (fate.holder, deque()))
@@ -184,11 +204,36 @@ class ProxyDirection:
     def _later(self, due: float, item: _Item) -> None:
         heapq.heappush(self._late, (due, next(self._number), item))
 
-    def _fate(self, item: _Put) -> Fate | None:
+    def _look_at(self, item: _Put) -> None:
+        if self._tap is None and not self.rules:
+            return
+        if self._receiver and not self._is_heard(item.key):
+            return  # the process does not listen to it
+        sample = item.sample
+        data = sample.payload.to_bytes()
+        if self._tap is None:
+            item.seen = WireMessage(item.key, data, time.monotonic())
+            return
+        attached = sample.attachment
+        item.seen = WireMessage(
+            item.key,
+            data,
+            time.time(),
+            encoding=str(sample.encoding),
+            attachment=None if attached is None else attached.to_bytes(),
+            deletes=sample.kind == zenoh.SampleKind.DELETE,
+            link=self._process,
+            down=self.direction == "down",
+        )
+
+    def _leave(self, item: _Put, *, lost: bool) -> None:
+        self._bytes_out += item.size
+        item.size = 0
+        if self._tap is not None and item.seen is not None:
+            self._tap(item.seen, lost)
+
+    def _fate(self, seen: WireMessage) -> Fate | None:
         try:
-            if self._receiver and not self._is_heard(item.key):
-                return None  # the process does not listen to it
-            seen = WireMessage(item.key, item.data, time.monotonic())
             return fate_of(self.rules, seen, self._receiver)
         except BaseException as error:  # noqa: BLE001 - of a rule's `where`: told by `check`
             self.error = self.error or error
@@ -222,7 +267,10 @@ class ProxyDirection:
                 yield each[2]
 
     def _carry(self, item: _Item) -> None:
-        if self.cut == "lost":
+        lost = self.cut == "lost"
+        if isinstance(item, _Put):
+            self._leave(item, lost=lost)
+        if lost:
             if isinstance(item, _Do):
                 self._waits.append(item)
             return
@@ -239,7 +287,15 @@ class ProxyDirection:
             return
         sample = item.sample
         found = self._publisher(item.key)
-        found.put(sample.payload, encoding=sample.encoding, attachment=sample.attachment)
+        with_it: dict[str, Any] = {
+            "attachment": sample.attachment,
+            "timestamp": sample.timestamp,
+            "source_info": sample.source_info,
+        }
+        if sample.kind == zenoh.SampleKind.DELETE:
+            found.delete(**with_it)
+        else:
+            found.put(sample.payload, encoding=sample.encoding, **with_it)
         self.passed += 1
 
     def _publisher(self, key: str) -> zenoh.Publisher:
@@ -271,11 +327,16 @@ class LinkProxy:
     ...     link.add(Rule(action="drop", pattern=Pattern(kind="bundle"), times=3))
     """
 
-    def __init__(self, name: str, endpoint: str, credentials: Credentials = GUEST) -> None:
+    def __init__(
+        self, name: str, endpoint: str, credentials: Credentials = GUEST, *, tap: Tap | None = None
+    ) -> None:
         """Stand between the process of this name and the router at an endpoint.
 
         With a private router the process shows its own credentials to both. Otherwise the link
         listens at a port of this machine. InputError if the endpoint takes certificates.
+
+        A `tap` is for processes that are no part of a run: it is called with all that happens to
+        their messages, by the threads of the link, and they may answer queries.
         """
         if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"endpoint={endpoint!r}: expected where the router is")
@@ -288,6 +349,7 @@ class LinkProxy:
         """What is shown by each direction; None while it is being declared."""
         self._lock = threading.Lock()
         self._resources = contextlib.ExitStack()
+        self._tap = tap
         try:
             self._open(endpoint, credentials)
         except BaseException:
@@ -309,15 +371,18 @@ class LinkProxy:
         self._resources.callback(near.close)
         far, self.endpoint = open_router(where, guard, MESSAGE_BYTES_MAX)
         self._resources.callback(far.close)
-        self.up = ProxyDirection("up", self.name, near)
+        self._far = far
+        self.up = ProxyDirection("up", self.name, near, self._tap)
         self._resources.callback(self.up.close)
-        self.down = ProxyDirection("down", self.name, far)
+        self.down = ProxyDirection("down", self.name, far, self._tap)
         self._resources.callback(self.down.close)
         self._listen(near, self.down)
         self._listen(far, self.up)
         self._watch(near, far, self.down)
         self._watch(far, near, self.up)
-        far.declare_queryable(ALL, _callback(lambda query: self._asked(near, query)))
+        far.declare_queryable(ALL, _callback(lambda query: self._asked(query, near, self.up)))
+        if self._tap is not None:
+            near.declare_queryable(ALL, _callback(lambda query: self._asked(query, far, self.down)))
 
     def _listen(self, session: zenoh.Session, lane: ProxyDirection) -> None:
         # What a session puts itself does not come back to it.
@@ -347,27 +412,35 @@ class LinkProxy:
 
         one.liveliness().declare_subscriber(ALL, _callback(changed), history=True)
 
-    def _asked(self, near: zenoh.Session, query: zenoh.Query) -> None:
-        """Pass a question on to the router, and each answer back."""
+    def _asked(self, query: zenoh.Query, other: zenoh.Session, way: ProxyDirection) -> None:
+        """Pass a question on to the session at the other end, and each answer back."""
+        back = self.down if way is self.up else self.up
 
         def answered(reply: zenoh.Reply) -> None:
-            self.down.do(lambda: _pass_on(query, reply))
+            back.do(lambda: _pass_on(query, reply))
 
         def ask() -> None:
-            near.get(
+            other.get(
                 query.selector,
                 _callback(answered),
                 payload=query.payload,
                 encoding=query.encoding,
                 attachment=query.attachment,
                 timeout=_ASK_S_MAX,
+                allowed_destination=zenoh.Locality.REMOTE,
             )
 
-        self.up.do(ask)
+        way.do(ask)
 
     def listens(self, key: str) -> bool:
         """Return whether the process listens to any key of an expression."""
         return self.down.listens(key)
+
+    @property
+    def warning(self) -> str:
+        """What a process does by which rules and cuts may miss its messages, or empty."""
+        is_peer = bool(self._far.info.peers_zid())
+        return "is a peer, which may go past its link, expected mode client" if is_peer else ""
 
     def add(self, rule: Rule, directions: Iterable[Direction] = ("up", "down")) -> Rule:
         """Have a rule decide on the messages of these directions from now on; return it."""
@@ -382,7 +455,7 @@ class LinkProxy:
         """Return the name by which the process at the far end speaks: that of its token, if any."""
         with self._lock:
             alive = [key for way, key in self._tokens if way == "up" and "/alive/" in key]
-        return alive[0].rpartition("/")[2] if alive else self.name
+        return alive[0].rpartition("/")[2] if alive and self._tap is None else self.name
 
     def clear(self) -> None:
         """Take all rules away, and heal the link; what is held back passes."""
@@ -422,7 +495,8 @@ class LinkProxy:
             if lane.overflowed:
                 raise CheckError(
                     f"the link of {self.name} lost {lane.overflowed} messages on the way"
-                    f" {lane.direction}: more than {WAITING_MAX} waited"
+                    f" {lane.direction}: more than {WAITING_MAX}, or {WAITING_BYTES_MAX >> 20} MiB,"
+                    " waited"
                 )
 
     def close(self) -> None:

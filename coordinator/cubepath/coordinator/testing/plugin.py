@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         RunFixture,
         SimulateFixture,
     )
+    from cubepath.coordinator.testing.network import NetworkUnderTest
 
 SEED = "cubepath_seed"
 MARKER = "cubepath"
@@ -190,10 +191,9 @@ def pytest_runtest_makereport(
         report.longrepr = line or report.longrepr
         lines = [line for fixture in item.stash.get(_TOLD, []) for line in fixture.report_lines()]
         if lines:
-            text = "\n".join(
-                [*lines, "to look at one: cubepath log info FILE, or cubepath view FILE"]
-            )
-            report.sections.append(("cubepath", text))
+            if any(line.startswith("recording ") for line in lines):
+                lines.append("to look at one: cubepath log info FILE, or cubepath view FILE")
+            report.sections.append(("cubepath", "\n".join(lines)))
     return report
 
 
@@ -241,6 +241,21 @@ def cubepath_run(
         yield found
     finally:
         found.close()
+
+
+@pytest.fixture
+def cubepath_network(request: pytest.FixtureRequest) -> Iterator[NetworkUnderTest]:
+    """Return a private router for zenoh processes of your own: a `NetworkUnderTest`.
+
+    What it has started is ended when the test is over; if the test fails, the report has the log.
+    """
+    from cubepath.coordinator.testing.network import NetworkUnderTest  # noqa: PLC0415 - as above
+
+    given: dict[str, Any] = {"timeout_s": _timeout_s(request.config)} | _marked(request)
+    found = NetworkUnderTest(**given)
+    _tell(request, found)
+    with found:
+        yield found
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Recordings replayed to a process under test, on a wire."""
 
-import time
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, Self
@@ -14,8 +13,6 @@ from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.free_messages import free_key
 from cubepath.protocol.wire.keys import key_of
-
-_POLL_S = 0.01
 
 
 def on_wire(seen: WireMessage, run: str) -> WireMessage:
@@ -58,13 +55,10 @@ class Listener:
         def announce(endpoint: str, run: str) -> None:
             link = self._resources.enter_context(LinkProxy("listener", endpoint))
 
-            def filled(text: str) -> str:
-                return text.replace("{endpoint}", link.endpoint).replace("{run}", run)
-
-            line = filled(command) if isinstance(command, str) else list(map(filled, command))
-            own = {"CUBEPATH_ENDPOINT": link.endpoint, "CUBEPATH_RUN": run, **(env or {})}
-            self._command = self._resources.enter_context(Command(line, env=own))
-            _wait_until_it_listens(self._command, link, run, timeout_s)
+            found = Command(command, env=env, endpoint=link.endpoint, run=run)
+            self._command = self._resources.enter_context(found)
+            listens = f"cubepath/{run}/**"
+            found.until(lambda: link.listens(listens), "listens to the run", timeout_s)
 
         try:
             self.replayed: ReplayResult = replay(
@@ -96,13 +90,3 @@ class Listener:
     def __exit__(self, *_: object) -> None:
         """End the command."""
         self.close()
-
-
-def _wait_until_it_listens(command: Command, link: LinkProxy, run: str, timeout_s: float) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not link.listens(f"cubepath/{run}/**"):
-        over = command.returncode is not None
-        if over or time.monotonic() > deadline:
-            why = "ended before" if over else f"did not within {timeout_s:g} s"
-            raise CheckError(f"{command.name} listens to the run: it {why}; {command.last_lines}")
-        time.sleep(_POLL_S)

@@ -9,8 +9,11 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from hashlib import blake2b
 from typing import Literal, TypeAlias, get_args
+
+import zenoh
 
 from cubepath.coordinator.testing.wire_messages import KNOWN, WireMessage
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -36,7 +39,8 @@ class Pattern:
 
     `kind` is that of the message or of one of its parts, and then `module` is of such a part.
     `sender` and `to` are names such as ``process_0``, ``keeper_1``, ``coordinator``; `to` may also
-    be a region or a tile. `round` is the round, or without rounds the level. `where` is asked last.
+    be a region or a tile. `round` is the round, or without rounds the level. `key` is a key
+    expression of zenoh, as ``robot/*/pose`` or ``robot/**``. `where` is asked last.
     """
 
     kind: str | None = None
@@ -45,6 +49,7 @@ class Pattern:
     module: int | None = None
     sender: str | None = None
     to: str | None = None
+    key: str | None = None
     where: Callable[[WireMessage], bool] | None = None
 
     def __post_init__(self) -> None:
@@ -61,13 +66,18 @@ class Pattern:
             sound = process is None or isinstance(process, str)  # pyright: ignore[reportUnnecessaryIsInstance]
             if not sound or process == "":
                 raise InputError(f"{name}={process!r}: expected a name, as process_0")
+        if self.key is not None:
+            _key_expression(self.key)
         if not (self.where is None or callable(self.where)):
             raise InputError(f"where={self.where!r}: expected a function of a message")
 
     def holds(self, seen: WireMessage, receiver: str = "") -> bool:
         """Return whether a message is meant; on its way down a link it has a `receiver`."""
         return (
-            (self.sender is None or self.sender == seen.sender)
+            # One that is put to a process is another message than the one that was put.
+            (seen.link is None or bool(receiver) or seen.down == (self.to is not None))
+            and (self.key is None or _key_expression(self.key).intersects(seen.key))
+            and (self.sender is None or self.sender == seen.sender)
             and (self.to is None or self.to in (receiver, seen.to))
             and self._round(seen)
             and (self.phase is None or self.phase == seen.phase)
@@ -99,6 +109,17 @@ class Pattern:
             given["where"] = getattr(self.where, "__name__", type(self.where).__name__)
         conditions = (f"{name}={value}" for name, value in given.items() if value is not None)
         return ", ".join(conditions) or "any message"
+
+
+@lru_cache(maxsize=1024)
+def _key_expression(text: str) -> zenoh.KeyExpr:
+    """Return a key expression; InputError if it is none."""
+    try:
+        return zenoh.KeyExpr(text)
+    except (zenoh.ZError, TypeError):
+        raise InputError(
+            f"key={text!r}: expected a key expression of zenoh, as 'robot/*/pose' or 'robot/**'"
+        ) from None
 
 
 ANYTHING = Pattern()
@@ -175,7 +196,7 @@ class Rule:
         """Return whether chance meets it: by its bytes, how often they came, and the seed."""
         if self.probability == 1.0:
             return True
-        topic = topic_in_key(seen.key)
+        topic = topic_in_key(seen.key) if seen.link is None else seen.key
         what = blake2b(f"{receiver} {topic} ".encode() + seen.data, digest_size=8).digest()
         copy = self._copies[what] = self._copies.pop(what, 0) + 1
         if len(self._copies) > COPIES_MAX:

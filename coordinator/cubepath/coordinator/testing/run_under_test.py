@@ -14,8 +14,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn, Self, TypeAlias
+from typing import Any, NoReturn, Self
 
 from msgspec.json import encode
 
@@ -24,91 +25,20 @@ from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.run import Run
-from cubepath.coordinator.testing.commands import Command, check_command, lives, stderr_of
+from cubepath.coordinator.testing.commands import CommandLine, Joiners, lives
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
-from cubepath.coordinator.testing.process_faults import ProcessFaults
-from cubepath.coordinator.testing.wire import Target
+from cubepath.coordinator.testing.process_faults import ProcessFaults, Target
+from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage, short, table
-from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.core.options import seconds, whole_number
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.formatting import did_you_mean
+from cubepath.protocol.core.options import known_name, seconds, whole_number
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.wire.credentials import GUEST, process_name
+from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
 from cubepath.protocol.wire.keys import key_of
 
 __tracebackhide__ = True  # pytest shows no frames of this module
-CommandLine: TypeAlias = "str | Sequence[str]"
-
-
-class Joiners:
-    """The commands of one run, by their names."""
-
-    def __init__(
-        self,
-        commands: Mapping[str, CommandLine] | Sequence[CommandLine],
-        env: Mapping[str, str] | None,
-        timeout_s: float,
-    ) -> None:
-        """Plan them; unless named they are ``own_0`` and so on. InputError for what is no list."""
-        if isinstance(commands, str) or not isinstance(commands, Mapping | Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InputError(f"commands={commands}: expected a list, or names with commands")
-        numbered = {f"own_{number}": line for number, line in enumerate(commands)}
-        self.lines = dict(commands) if isinstance(commands, Mapping) else numbered
-        for line in self.lines.values():
-            check_command(line)
-        if not isinstance(env, Mapping | None):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InputError(f"env={env!r}: expected names with values")
-        self.running: dict[str, Command] = {}
-        self._env = dict(env or {})
-        self._timeout_s = timeout_s
-        self._deadline: float | None = None
-
-    def fit(self, secure: object) -> None:
-        """Check that they can join a run with these certificates; InputError if not."""
-        if secure is not None:
-            raise InputError(
-                f"commands with secure={secure}: they join a run without TLS, expected one of both"
-            )
-
-    def begin(self) -> None:
-        """Let the time begin within which all are there."""
-        self._deadline = time.monotonic() + self._timeout_s
-
-    def start(self, way: Callable[[str], str]) -> None:
-        """Start all; the way is where the one of a name finds the run."""
-        for name, line in self.lines.items():
-            where = way(name)
-            filled = (
-                line.replace("{endpoint}", where)
-                if isinstance(line, str)
-                else [text.replace("{endpoint}", where) for text in line]
-            )
-            env = {"CUBEPATH_ENDPOINT": where, **self._env}
-            self.running[name] = Command(filled, name=name, env=env)
-
-    def over(self) -> None:
-        """Have it that all are there: who ends from now on, ends in the run."""
-        self._deadline = None
-
-    def check(self) -> None:
-        """Raise CheckError if one has ended before the run began, or the time is over."""
-        if self._deadline is None or not self.lines:
-            return
-        for name, command in self.running.items():
-            code = command.returncode
-            if code is not None:
-                command.wait()  # until all that it said is read
-                raise CheckError(
-                    f"{name} ended before it joined, exit code {code}; {command.last_lines}"
-                )
-        if time.monotonic() > self._deadline:
-            processes = [f"{name}: {each.last_lines}" for name, each in self.running.items()]
-            outputs = "; ".join(processes) or "none was started"
-            raise CheckError(
-                f"not within {self._timeout_s:g} s: the commands have joined; {outputs}"
-            )
-
-
 TIMEOUT_S = 30.0
 HEARD_MAX = 5000
 """The number of last messages that a run remembers for tests."""
@@ -119,6 +49,9 @@ _FOR_A_LINK = 5
 _FOR_A_COMMAND = 5
 """This many descriptors are open for each at one time, at most."""
 _LOOPBACK = "tcp/127.0.0.1:0"
+_PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
+_MODULE = re.compile(r"module_(\d+)")
+_REGION = re.compile(r"-?\d+(,-?\d+)*")
 
 
 class RunUnderTest(ProcessFaults):
@@ -169,7 +102,6 @@ class RunUnderTest(ProcessFaults):
         """The messages that were heard last."""
         self._unexpected: list[str] = []
         self._parts: deque[Any] = deque()
-        self._raised: Exception | None = None
 
     @property
     def _files(self) -> int:
@@ -208,27 +140,7 @@ class RunUnderTest(ProcessFaults):
         """End everything."""
         self.close(check=kind is None)
 
-    def close(self, *, check: bool = False) -> None:
-        """End everything: rules, pauses, the run, the commands, the links.
-
-        With `check`, CheckError if a rule raised or a link had too much to carry, and what was
-        raised by something that the test has planned.
-        """
-        with ExitStack() as stack:
-            if check:
-                stack.callback(self._raise_again)
-                for link in self.links.values():
-                    stack.callback(link.check)
-            self.close_links(stack.callback)
-            for command in self.commands.values():
-                stack.callback(command.close)
-            stack.callback(self._close_run)
-            for name in list(self._paused):
-                stack.callback(self.resume, name)
-            for timer in list(self._timers):
-                stack.callback(self._cancel, *timer)
-
-    def _close_run(self) -> None:
+    def _end(self) -> None:
         with ExitStack() as stack:
             stack.callback(self.run.__exit__, None, None, None)
             stack.callback(self._heal_all)
@@ -237,6 +149,94 @@ class RunUnderTest(ProcessFaults):
         for link in self.links.values():  # who is told to stop is to hear it
             link.up.rules = link.down.rules = []
             link.heal()
+
+    # Its processes.
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Return the process ids by name, those of commands included; none of a run that ended.
+
+        One of the run's own that has died is there until the run has noticed.
+        """
+        found: dict[str, int] = {}
+        with suppress(CubepathError):
+            found = self.run.pids
+        return found | super().pids
+
+    def name_of(self, target: Target) -> str:
+        """Return the name of a process that is given by its name, or by one of its modules.
+
+        InputError for a name or a module that is not there.
+        """
+        found = _MODULE.fullmatch(target) if isinstance(target, str) else None
+        if isinstance(target, str) and found is None:
+            known = *self._known, *sorted(self._speakers - self._known.keys())
+            if not known:
+                raise InputError(f"{target}: there is none, the run has not begun or has ended")
+            return known_name("", target, known)
+        module = int(found[1]) if found is not None else target
+        self._check_module(module)
+        for name, modules in self._modules.items():
+            if module in modules:
+                return name
+        raise InputError(f"module_{module}: has no process of its own name, expected a name")
+
+    @property
+    def _speakers(self) -> set[str]:
+        return {link.speaks_as for link in self.links.values()}
+
+    def _check_module(self, module: object) -> None:
+        if module is not None:
+            whole_number("module", module, 0, len(self.run.scene.start) - 1)
+
+    def _check_speaker(self, sender: str) -> None:
+        known = {*self._known, *self._speakers, COORDINATOR} - {"router"}
+        known_name("sender=", sender, sorted(known))
+
+    def _is_region(self, name: str) -> bool:
+        """Return whether a name may be that of a region or a tile."""
+        scene = self.run.scene
+        regions = map(scene.system.region, (*scene.start, *(scene.goal or ())))
+        return _REGION.fullmatch(name) is not None or name in regions
+
+    def _named(self, target: str | int | None) -> str | None:
+        """Return the name of a process that is given by its name or one of its modules."""
+        if target is None or (isinstance(target, str) and _MODULE.fullmatch(target) is None):
+            return target
+        return self.name_of(target)
+
+    def _pattern(self, what: What = "", **options: Any) -> Pattern:
+        for key in options.keys() & {"sender", "to"}:
+            options[key] = self._named(options[key])
+        pattern = super()._pattern(what, **options)
+        self._check_module(pattern.module)
+        return pattern
+
+    def _place(self, pattern: Pattern, **rule: Any) -> Rule:
+        """Add a rule at the link of a receiver, or at all: messages are met at their sender's."""
+        if not self.links:
+            raise InputError(f"{rule['action']}: no process has a link, expected links=True")
+        to, sender = self._named(pattern.to), self._speaks_as(self._named(pattern.sender))
+        if to is not None and (to in self.links or to.startswith(_PROCESS_LIKE)):
+            if sender is not None:
+                self._check_speaker(sender)
+            made = Rule(pattern=replace(pattern, to=None, sender=sender), **rule)
+            return self.link_of(to).add(made, ("down",))
+        if to is not None and not self._is_region(to):
+            raise InputError(
+                f"to={to}: expected a process, a region or a tile{did_you_mean(to, self.links)}"
+            )
+        if sender not in (None, COORDINATOR):
+            self.link_of(str(sender))  # what it says is met there alone
+        receivers = frozenset(link.speaks_as for link in self.links.values())
+        made = Rule(pattern=replace(pattern, sender=sender), upstream=receivers, **rule)
+        for link in self.links.values():
+            link.add(made)
+        return made
+
+    def _speaks_as(self, name: str | None) -> str | None:
+        """Return the name in keys of a process that is given by that of its link."""
+        return self.links[name].speaks_as if name in self.links else name
 
     # Outgoing messages.
 
@@ -266,19 +266,7 @@ class RunUnderTest(ProcessFaults):
         key = free_key(run, message) if free else key_of(run, message)
         seen = WireMessage(key, encode(message), overheard.wall_ns / 1e9)
         self.heard.append(seen)
-        for planned in tuple(self._planned):
-            if not planned.done and planned.pattern(seen):
-                self._planned.remove(planned)
-                try:
-                    planned.do(seen)
-                except Exception as error:  # noqa: BLE001 - it is the test's, and no end of the run
-                    self._raised = self._raised or error
-
-    def _raise_again(self) -> None:
-        """Raise what something that was planned has raised."""
-        error, self._raised = self._raised, None
-        if error is not None:
-            raise error
+        self._notice(seen)
 
     # How it continues.
 
@@ -414,6 +402,11 @@ class RunUnderTest(ProcessFaults):
         return self.run.outcome
 
     @property
+    def endpoint(self) -> str:
+        """Return where programs of yours may listen in: ``cubepath.protocol.open_client(...)``."""
+        return self.run.endpoint
+
+    @property
     def path(self) -> Path:
         """Return the path of the recording."""
         return self.run.log
@@ -448,23 +441,10 @@ class RunUnderTest(ProcessFaults):
         if status.ended is not None:
             why = f": {short(self.outcome.error)}" if self.outcome.error else ""
             lines.append(f"the run has ended, {status.ended}{why}")
-        lines += [self._about(name, pid) for name, pid in {**self._known, **self.pids}.items()]
+        lines += [self.about(name, pid) for name, pid in {**self._known, **self.pids}.items()]
         messages = [seen for seen in self.heard if seen.kind not in RESULTS]
         lines.append(table(messages, title="the last messages"))
         return "\n".join(lines)
-
-    def _about(self, name: str, pid: int) -> str:
-        """Return how a process is, in a line."""
-        paused = " paused," if name in self._paused else ""
-        is_there = self.pids.get(name) == pid
-        how = f"process id {pid}" if is_there else f"process id {pid}, has ended"
-        modules = self._modules.get(name, ())
-        whose = f", modules {', '.join(map(str, modules))}" if modules else ""
-        cut = name in self.links and self.links[name].up.cut
-        link = f", its link is cut ({cut})" if cut else ""
-        command = self.commands.get(name)
-        output = command.last_lines if command is not None else stderr_of(pid) if is_there else ""
-        return f"{name}:{paused} {how}{whose}{link}" + (f"; {output}" if output else "")
 
     def _fail(self, line: str) -> NoReturn:
         raise AssertionError(f"{line}\n{self.seen()}")

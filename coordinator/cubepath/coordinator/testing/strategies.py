@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 from cubepath.coordinator.runs.plan import Plan, task_of
 from cubepath.coordinator.simulation.faults import (
@@ -28,7 +28,8 @@ from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, fre
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario, built
 from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, host_node, simulate
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.rules import SECONDS_MAX
+from cubepath.coordinator.testing.network import NETWORK_FAULTS, NetworkFault, NetworkFaultKind
+from cubepath.coordinator.testing.rules import SECONDS_MAX, Direction
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import known_name, seconds as checked_seconds, whole_number
@@ -357,3 +358,29 @@ def scenarios(
         max_rounds=max_rounds,
         **free,
     )
+
+
+_NTH_OWN_MAX = 20
+
+
+def network_faults(
+    processes: Sequence[str], *, kinds: Sequence[NetworkFaultKind] = NETWORK_FAULTS, most: int = 3
+) -> SearchStrategy[list[NetworkFault]]:
+    """Return a strategy of lists of faults of your own processes, for `NetworkUnderTest.inject`.
+
+    They shrink towards none, then to the first of `kinds`, early and few messages.
+
+    >>> from hypothesis import find
+    >>> find(network_faults(["arm"], kinds=["cut"]), lambda each: len(each) > 0)
+    [NetworkFault(kind='cut', process='arm', nth=0, count=1, way='up', seconds=0.01)]
+    """
+    one = st.builds(
+        NetworkFault,
+        st.sampled_from(list(kinds)),
+        st.sampled_from(list(processes)),
+        st.integers(0, _NTH_OWN_MAX),
+        st.integers(1, _NTH_OWN_MAX),
+        st.sampled_from(get_args(Direction)),
+        st.sampled_from((0.01, 0.1, 0.5)),
+    )
+    return st.lists(one, max_size=most)

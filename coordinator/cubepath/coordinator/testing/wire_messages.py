@@ -32,17 +32,27 @@ class WireMessage:
     """A message with its key, as it was on the wire.
 
     What follows is read from the bytes when it is asked for; bytes that are no message of cubepath
-    have the kind "unknown".
+    have the kind "unknown", and so has everything on a `NetworkUnderTest`.
     """
 
     key: str
     data: bytes
     at_s: float = 0.0
     """When it was seen, in seconds of the run's clock."""
+    encoding: str = ""
+    attachment: bytes | None = None
+    deletes: bool = False
+    """Whether it deletes its key; it has no data then."""
+    link: str | None = None
+    """The process of yours on whose link it was seen; None in runs."""
+    down: bool = False
+    """Whether it was on its way to that process, not from it."""
 
     @cached_property
     def message(self) -> wire.Message | free_messages.FreeMessage | None:
         """The message; None if the bytes hold none."""
+        if self.link is not None:
+            return None
         for read in (wire.decode, free_messages.decode_free):
             try:
                 return read(self.data)
@@ -58,7 +68,12 @@ class WireMessage:
 
     @property
     def sender(self) -> str:
-        """The sender: ``process_0``, ``keeper_1`` or ``coordinator``; the end of its key."""
+        """The sender: ``process_0``, ``keeper_1`` or ``coordinator``; the end of its key.
+
+        On a `NetworkUnderTest` it is your process, and empty on the way to one.
+        """
+        if self.link is not None:
+            return "" if self.down else self.link
         return self.key.rpartition("/")[2]
 
     @cached_property
@@ -82,6 +97,8 @@ class WireMessage:
             case _:
                 topic = topic_in_key(self.key).split("/")
                 alone = topic[0] in ("go", "reset") and topic[-1].startswith("process_")
+                if self.link is not None:
+                    topic, alone = [self.link], self.down
                 return topic[-1] if alone else ""
 
     @cached_property
@@ -176,17 +193,22 @@ def table(messages: Sequence[WireMessage], marked: Iterable[int] = (), title: st
     first = max(0, min(around - ROWS_MAX // 2, len(messages) - ROWS_MAX))
     shown = range(first, min(first + ROWS_MAX, len(messages)))
     rows = [_TITLES, *(_row(messages[at], marked=at in marks) for at in shown)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(_TITLES) - 1)]
-    lines = [
-        " ".join([*(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=False)), row[-1]])
-        for row in rows
-    ]
+    lines = aligned(rows)
     left_out = len(messages) - len(shown)
     more = [f"  ({left_out} more messages)"] if left_out else []
     head = [f"{title}:"] if title else []
     if not messages:
         return "\n".join([*head, "  no messages"])
     return "\n".join([*head, *("  " + line.rstrip() for line in lines), *more])
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows as lines, with each column but the last as wide as its widest cell."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+    return [
+        " ".join([*(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=False)), row[-1]])
+        for row in rows
+    ]
 
 
 def _row(seen: WireMessage, *, marked: bool) -> tuple[str, ...]:

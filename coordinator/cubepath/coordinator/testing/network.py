@@ -1,0 +1,270 @@
+"""Your own zenoh processes under test: a private router, and a link before each process."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+from pathlib import Path
+from typing import Any, Literal, Self, TypeAlias, get_args
+
+from cubepath.coordinator.testing.commands import Command, check_command
+from cubepath.coordinator.testing.log import What
+from cubepath.coordinator.testing.network_log import MessageLog
+from cubepath.coordinator.testing.process_faults import PlannedFault, ProcessFaults, Target, When
+from cubepath.coordinator.testing.rules import Action, Direction, Pattern, Rule
+from cubepath.coordinator.testing.wire_messages import WireMessage
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.options import known_name, seconds, whole_number
+from cubepath.protocol.wire.credentials import GUEST, ROUTER
+from cubepath.protocol.wire.router import Router
+
+__tracebackhide__ = True  # pytest shows no frames of this module
+_LOOPBACK = "tcp/127.0.0.1:0"
+_POLL_S = 0.01
+
+
+NetworkFaultKind: TypeAlias = Literal[
+    "drop", "double", "delay", "reorder", "cut", "pause", "restart"
+]
+NETWORK_FAULTS: tuple[NetworkFaultKind, ...] = get_args(NetworkFaultKind)
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkFault:
+    """One fault of a process or its link, for `NetworkUnderTest.inject`.
+
+    `nth` messages that the process puts (``way="up"``), or that come to it (``"down"``), pass. The
+    next `count` are lost (``drop``), repeated (``double``) or late (``delay``) after `seconds`, or
+    overtaken by the next (``reorder``); a ``cut`` loses those of both ways. After `nth` messages
+    that it puts, a process stands still for `seconds` (``pause``), or is killed and started again
+    (``restart``).
+    """
+
+    kind: NetworkFaultKind
+    process: str
+    nth: int = 0
+    count: int = 1
+    way: Direction = "up"
+    seconds: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check it; InputError for what is no fault."""
+        known_name("kind=", self.kind, NETWORK_FAULTS)
+        known_name("way=", self.way, get_args(Direction))
+        whole_number("nth", self.nth, 0)
+        whole_number("count", self.count, 1)
+
+
+class NetworkUnderTest(ProcessFaults):
+    """A router and processes of yours, as a context manager that leaves nothing running.
+
+    Each connects, as a client of zenoh, over a link of its own, which a test can cut, and whose
+    messages it can lose, delay and repeat. Of messages cubepath reads the key alone.
+
+    >>> with NetworkUnderTest() as network:   # doctest: +SKIP
+    ...     network.start("arm", "python arm.py {endpoint}", listens="robot/arm/goal")
+    ...     network.drop("robot/arm/pose", times=3)
+    ...     network.until("robot/arm/done")
+    """
+
+    def __init__(self, *, timeout_s: float = 30.0, env: Mapping[str, str] | None = None) -> None:
+        """Plan it; `timeout_s` is how long things are awaited, `env` is for all processes."""
+        super().__init__(links=True)
+        self.timeout_s = seconds("timeout_s", timeout_s)
+        self.commands: dict[str, Command] = {}
+        self.log = MessageLog(self.links.keys())
+        """All messages so far."""
+        self._env = dict(env or {})
+        self._lines: dict[str, Callable[[], Command]] = {}
+        self._everywhere: list[Rule] = []
+        self._router: Router | None = None
+        self._launching = threading.Lock()
+        self._tap = self._on_message
+
+    def __enter__(self) -> Self:
+        """Start the router."""
+        self._router = Router(_LOOPBACK)
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, *_: object) -> None:
+        """End everything; an error that ends the block gets the log as a note."""
+        if error is not None:
+            error.add_note(self.seen())
+        self.close(check=kind is None)
+
+    def close(self, *, check: bool = False) -> None:
+        """End all processes, links and the router; with `check` as `RunUnderTest.close`."""
+        with self._launching:
+            router, self._router = self._router, None  # from now on nothing is started
+        with ExitStack() as stack:
+            if router is not None:
+                stack.callback(router.close)
+            stack.callback(super().close, check=check)
+
+    def _running(self) -> Router:
+        if self._router is None:
+            raise InputError("the network is not open, expected 'with NetworkUnderTest() as ...'")
+        return self._router
+
+    # Its processes.
+
+    def endpoint(self, name: str) -> str:
+        """Return where the process of a name connects, as ``tcp/127.0.0.1:PORT``: its link.
+
+        `start` gives it to a process; ask for it to connect a session of the test, or a process
+        that is started in another way.
+        """
+        if not isinstance(name, str) or name in ("", ROUTER):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"name={name!r}: expected a name for a process, as 'arm'")
+        if name not in self.links:
+            self.way(name, self._running().endpoint, GUEST)
+            for rule in self._everywhere:
+                self.links[name].add(rule, ("up",))
+        return self.links[name].endpoint
+
+    def start(
+        self,
+        name: str,
+        command: str | Sequence[str],
+        *,
+        listens: str = "",
+        env: Mapping[str, str] | None = None,
+        cwd: Path | None = None,
+    ) -> Command:
+        """Start a command under a name; ``{endpoint}`` in it is where it connects.
+
+        That is in ``CUBEPATH_ENDPOINT`` too. With `listens` wait until it has subscribed to any key
+        of that expression: what is put before is lost. CheckError if it ends before, or does not
+        within `timeout_s`; InputError for no command, and a name that is taken.
+        """
+        check_command(command)
+        endpoint = self.endpoint(name)
+        if name in self.commands and self.commands[name].returncode is None:
+            raise InputError(f"{name}: runs already, expected another name, or restart({name!r})")
+        own = {**self._env, **(env or {})}
+        self._lines[name] = lambda: Command(command, name=name, env=own, cwd=cwd, endpoint=endpoint)
+        found = self._launch(name)
+        if listens:
+            link = self.links[name]
+            found.until(lambda: link.listens(listens), f"listens to {listens}", self.timeout_s)
+        return found
+
+    def _launch(self, name: str) -> Command:
+        with self._launching:
+            self._running()
+            before = self.commands.get(name)
+            if before is not None:
+                self._wounded.add(name)
+                before.close()
+            found = self.commands[name] = self._lines[name]()
+            self._known[name] = found.pid
+            self._paused.pop(name, None)
+            self._wounded.discard(name)
+        return found
+
+    def restart(self, target: Target) -> None:
+        """Start a process again with its command; one that runs is killed before."""
+        name = self.name_of(target)
+        known_name("restart: ", name, sorted(self._lines))
+        self._launch(name)
+
+    # What is planned.
+
+    def _on_message(self, seen: WireMessage, lost: bool) -> None:  # noqa: FBT001 - a `Tap`
+        self._notice(seen)
+        self.log.add(seen, lost)
+
+    def _pattern(self, what: What = "", **options: Any) -> Pattern:
+        return self.log.pattern(what, **options)
+
+    def _do(self, at: When, act: Callable[[], None]) -> PlannedFault:
+        if isinstance(at, int):
+            raise InputError(f"at={at}: expected a key, as 'robot/**', or a Pattern")
+        return super()._do(at, act)
+
+    def _place(self, pattern: Pattern, **rule: Any) -> Rule:
+        made = super()._place(pattern, **rule)
+        if pattern.to is None and pattern.sender is None:
+            self._everywhere.append(made)  # processes that start later have it too
+        return made
+
+    def clear(self) -> None:
+        """Take all rules away, and heal all links."""
+        self._everywhere.clear()
+        super().clear()
+
+    def inject(self, faults: Iterable[NetworkFault]) -> None:
+        """Have faults happen, each at its message, counted from now on."""
+        for fault in faults:
+            link = self.link_of(fault.process)
+            at = Pattern(sender=link.name, where=_after(fault.nth))
+            if fault.kind == "pause":
+                self.pause(link.name, at, seconds=fault.seconds)
+            elif fault.kind == "restart":
+                self.when(at, partial(self.restart, link.name))
+            else:
+                action: Action = "drop" if fault.kind == "cut" else fault.kind
+                rule = Rule(
+                    action=action, after=fault.nth, times=fault.count, seconds=fault.seconds
+                )
+                link.add(rule, ("up", "down") if fault.kind == "cut" else (fault.way,))
+
+    # What is awaited.
+
+    def until(
+        self,
+        what: Callable[[NetworkUnderTest], object] | What = "",
+        *,
+        times: int = 1,
+        timeout_s: float | None = None,
+        **pattern: Any,
+    ) -> None:
+        """Wait until a function of the network is true, or until this many messages have come.
+
+        They are those of `MessageLog.count`, from the beginning on. AssertionError if the time is
+        over, or if a process fails (an exit code that is not 0) that the test has not killed.
+        """
+        whole_number("times", times, 0)
+        if callable(what):
+            holds, name = what, "what is awaited"
+        else:
+            meant = self._pattern(what, **pattern)
+            holds = lambda _: self.log.count(meant) >= times  # noqa: E731 - of two ways one
+            name = f"{times} messages with {meant}"
+        patience = seconds("timeout_s", self.timeout_s if timeout_s is None else timeout_s)
+        deadline = time.monotonic() + patience
+        while True:
+            self._raise_again()
+            late = time.monotonic() > deadline
+            if holds(self):
+                return
+            for died, command in [*self.commands.items()]:
+                if command.returncode not in (None, 0) and died not in self._wounded:
+                    command.wait()  # until all that it said is read
+                    how = f"failed ({command.returncode}); {command.last_lines}"
+                    raise AssertionError(f"while waiting for {name}: {died} {how}")
+            if late:
+                raise AssertionError(f"not within {patience:g} s: {name}")
+            with self.log.changed:
+                self.log.changed.wait(_POLL_S)
+
+    def seen(self) -> str:
+        """Return what was seen so far: each process, and the log."""
+        lines = [self.about(name, pid) for name, pid in self._known.items()]
+        lines += [f"{name}: {each}" for name, link in self.links.items() if (each := link.warning)]
+        return "\n".join([*lines, str(self.log)])
+
+    def report_lines(self) -> list[str]:
+        """Return what the report of a failed test shows."""
+        return [self.seen()]
+
+
+def _after(nth: int) -> Callable[[WireMessage], bool]:
+    """Return what does not hold of the first messages that it is asked about."""
+    met = count()
+    return lambda _: next(met) >= nth

@@ -1,0 +1,265 @@
+"""Zenoh processes of others on a private router: what is done to them, and what the log knows."""
+
+import json
+import resource
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from cubepath.coordinator.testing import network_log
+from cubepath.coordinator.testing.fixtures import RunFixture
+from cubepath.coordinator.testing.network import NetworkFault, NetworkUnderTest
+from cubepath.coordinator.testing.network_log import MessageLog
+from cubepath.coordinator.testing.rules import Pattern
+from cubepath.coordinator.testing.wire_messages import WireMessage
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.wire.messages import Ready, encode
+from cubepath.protocol.wire.sessions import open_client, put, subscribe
+from processes.living import is_there
+
+pytestmark = pytest.mark.slow
+UNKNOWN: Any = "loss"
+PROGRAM = """
+import json, sys, time, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", json.dumps(sys.argv[2]))
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+session = zenoh.open(config)
+for number in range(int(sys.argv[3])):
+    session.put("robot/arm/pose", str(number))
+    time.sleep(0.01)
+sys.exit(int(sys.argv[4]))
+"""
+
+
+def arm(messages: int, code: int = 0, mode: str = "client") -> list[str]:
+    """Return a command that puts this many messages, one each 10 ms, and ends with this code."""
+    return [sys.executable, "-c", PROGRAM, "{endpoint}", mode, str(messages), str(code)]
+
+
+class Ends:
+    """A network with two sessions of the test, ``a`` and ``b``, and what ``b`` has heard."""
+
+    def __init__(self, network: NetworkUnderTest, resources: ExitStack) -> None:
+        self.network = network
+        self.a, self.b = (open_client(network.endpoint(name)) for name in "ab")
+        for each in (self.a, self.b):
+            resources.callback(each.close)
+        self.heard: list[tuple[str, str]] = []
+        subscribe(self.b, "robot/**", self._hear)
+        network.until(lambda _: network.link_of("b").listens("robot/arm"))
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        deleted = sample.kind == zenoh.SampleKind.DELETE
+        text = "deleted" if deleted else sample.payload.to_string()
+        self.heard.append((str(sample.key_expr), text))
+
+    def say(self, *texts: str, key: str = "robot/arm") -> None:
+        for text in texts:
+            put(self.a, key, text.encode())
+
+    def until_heard(self, *texts: str) -> None:
+        """Wait until these were heard since the last time, and no others."""
+        self.network.until(lambda _: len(self.heard) >= len(texts))
+        assert [text for _, text in self.heard] == list(texts)
+        self.heard.clear()
+
+
+@pytest.fixture
+def ends(cubepath_network: NetworkUnderTest) -> Iterator[Ends]:
+    with ExitStack() as resources:
+        yield Ends(cubepath_network, resources)
+
+
+def test_rules_go_by_key(ends: Ends) -> None:
+    """What another key has passes; a rule without `to` is there for processes that come later."""
+    ends.network.drop("robot/*/pose", times=1)
+    ends.network.delay(0.2, key="robot/arm", to="b", times=1)
+    ends.say("lost", key="robot/arm/pose")
+    ends.say("late")
+    ends.say("here", key="robot/leg")
+    ends.until_heard("late", "here")
+    log = ends.network.log
+    assert log.count("robot/arm/pose") == log.count("robot/arm/pose", sender="a") == 0
+    assert (log.count("robot/**"), log.count("robot/**", to="b")) == (2, 2)
+    assert [seen.data for seen in log.messages("robot/leg", to="b")] == [b"here"]
+    log.assert_order("robot/arm", Pattern(key="robot/leg", to="b"))
+    with pytest.raises(AssertionError, match=r"^'robot/arm' comes before 'robot/leg'$"):
+        log.assert_order("robot/leg", "robot/arm")
+    with pytest.raises(AssertionError, match=r"^no message is 'robot/tail', expected one$"):
+        log.assert_order("robot/leg", "robot/tail")
+
+
+def test_deletes_queries_and_what_is_with_a_message_pass(ends: Ends) -> None:
+    """A process that asks another over two links has its answer."""
+    given = {"encoding": "text/plain", "attachment": b"mine"}
+    ends.a.put("robot/arm", "x", **given)  # type: ignore[arg-type]
+    ends.a.delete("robot/arm")
+    ends.until_heard("x", "deleted")
+    first, second = ends.network.log.messages("robot/arm", to="b")
+    assert (first.encoding, first.attachment, first.deletes) == ("text/plain", b"mine", False)
+    assert second.deletes
+
+    def answer(query: zenoh.Query) -> None:
+        query.reply("robot/is", "well")
+
+    ends.b.declare_queryable("robot/is", zenoh.handlers.Callback(answer, indirect=False))
+    deadline = time.monotonic() + 30
+    while not (found := [reply.ok for reply in ends.a.get("robot/is") if reply.ok]):
+        assert time.monotonic() < deadline
+    assert found[0].payload.to_string() == "well"
+
+
+def test_a_cut_comes_at_a_message(ends: Ends) -> None:
+    """The message at which it comes is the first that is lost; after healing all arrive."""
+    seen = Pattern(key="robot/arm", where=lambda message: message.data == b"2")
+    cut = ends.network.cut_off("b", at=seen)
+    ends.say("1")
+    ends.until_heard("1")
+    ends.say("2", "3")
+    ends.network.until("robot/arm", times=3)
+    assert getattr(cut.at, "data", b"") == b"2"
+    ends.network.until(lambda network: str(network.log).count("lost") == 2)
+    ends.network.heal("b")
+    ends.say("4")
+    ends.until_heard("4")
+    assert ends.network.log.count("robot/arm", to="b") == 2
+
+
+def test_faults_are_counted_in_messages(ends: Ends) -> None:
+    """A cut loses as many in both ways together; the others as many of their way."""
+    cut = NetworkFault("cut", "a", nth=1, count=2)
+    ends.network.inject([cut, NetworkFault("double", "b", nth=2, way="down", seconds=0)])
+    ends.say("0", "1", "2", "3", "4", "5")
+    ends.until_heard("0", "3", "4", "4", "5")
+
+
+def test_messages_of_others_are_not_decoded(ends: Ends) -> None:
+    """Bytes that are a message of cubepath are bytes; what only such messages have is refused."""
+    ends.say(encode(Ready(1, 0, "sense")).decode(), key="cubepath/r/ready/process_0")
+    ends.network.until("cubepath/**")
+    (seen,) = ends.network.log.messages("cubepath/**")
+    assert (seen.kind, seen.message, seen.sender) == ("unknown", None, "a")
+
+
+@pytest.mark.parametrize(
+    ("act", "line"),
+    [
+        (lambda n: n.drop("robot//arm"), "key='robot//arm': expected a key expression of zenoh"),
+        (lambda n: n.drop(Pattern(round=3)), "round: expected one of key, sender, to, where"),
+        (lambda n: n.drop(kind="claim"), "kind: expected one of key, sender, to, where"),
+        (lambda n: n.kill("a", at=3), "at=3: expected a key, as 'robot/\\*\\*', or a Pattern"),
+        (lambda n: n.drop(to="a", sender="a"), "sender and to: a receiver does not know"),
+        (lambda n: n.log.count(sender="arm"), "arm: expected one of a$"),
+        (lambda n: n.start("router", "true"), "name='router': expected a name for a process"),
+        (lambda n: n.restart("a"), "restart: a: expected one of none$"),
+        (lambda _: NetworkFault(UNKNOWN, "a"), "kind=loss: expected one of drop, "),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_line(act: object, line: str, cubepath_network: NetworkUnderTest) -> None:
+    """That says what was expected."""
+    cubepath_network.endpoint("a")
+    with pytest.raises(InputError, match=f"^{line}"):
+        act(cubepath_network)  # type: ignore[operator]
+
+
+def test_processes_are_killed_paused_and_started_again(cubepath_network: NetworkUnderTest) -> None:
+    """And one that fails by itself fails the test that waits."""
+    network = cubepath_network
+    network.endpoint("arm")
+    network.inject([NetworkFault("restart", "arm", nth=3)])
+    first = network.start("arm", arm(1000), cwd=Path("/"))
+    network.until("robot/arm/pose", times=4)
+    network.until(lambda _: network.commands["arm"].pid != first.pid)
+    assert not is_there(first.pid)
+    again = network.commands["arm"]
+    network.until("robot/arm/pose", where=lambda seen: seen.data == b"0", times=2)
+    network.pause("arm")
+    stat = Path(f"/proc/{again.pid}/stat")
+    network.until(lambda _: stat.read_text().rpartition(")")[2].split()[0] == "T")
+    assert "arm: paused, process id" in network.seen()
+    network.resume("arm")
+    network.until("robot/arm/pose", times=network.log.count("robot/arm/pose") + 5)
+    network.kill("arm")
+    assert again.wait() == -9
+    network.until("robot/arm/pose")  # who was killed by the test has not failed
+    network.start("leg", arm(2, code=3))
+    with pytest.raises(AssertionError, match=r"^while waiting for .*leg failed \(3\); stdout: not"):
+        network.until("robot/leg")
+
+
+def test_a_peer_is_warned_of(cubepath_network: NetworkUnderTest) -> None:
+    """It may reach other peers past its link."""
+    cubepath_network.start("arm", arm(1000, mode="peer"))
+    cubepath_network.until("robot/arm/pose")
+    assert (
+        "arm: is a peer, which may go past its link, expected mode client"
+        in cubepath_network.seen()
+    )
+
+
+def test_a_flood_takes_bounded_memory() -> None:
+    """Of 600 MB over a link that keeps them some are lost, and the end of the test says so."""
+    line = r"^the link of b lost \d+ messages on the way down: more than 65536, or 32 MiB, waited$"
+    with (
+        pytest.raises(CheckError, match=line),
+        NetworkUnderTest() as network,
+        ExitStack() as resources,
+    ):
+        ends = Ends(network, resources)
+        network.cut_off("b", keep=True)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        for number in range(6000):
+            put(ends.a, f"robot/{number % 10}", bytes(100_000))
+        network.until("robot/**", times=6000)
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 250_000
+        with pytest.raises(CheckError, match=r"kept are \d+ of 6000 messages and 10 keys, 0 are"):
+            network.log.count("robot/**", where=lambda seen: bool(seen.data))
+        network.until(lambda _: network.link_of("b").down.overflowed)
+
+
+def test_a_log_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It never says a wrong number."""
+    monkeypatch.setattr(network_log, "KEPT_MAX", 3)
+    monkeypatch.setattr(network_log, "KEYS_MAX", 2)
+    log = MessageLog({"a"})
+    for number in range(8):
+        log.add(WireMessage(f"k/{number % 2}", b"\xff", link="a"), number == 7)
+    assert (log.count("k/*"), log.count("k/0", sender="a"), len(log.messages())) == (7, 4, 2)
+    log.add(WireMessage("k/2", b"", link="a"), False)
+    with pytest.raises(CheckError, match=r"1 are not counted$"):
+        log.count("k/0")
+
+
+def test_the_log_is_a_note_of_what_ends_a_block() -> None:
+    """And nothing is left; it can be used no more."""
+    network = NetworkUnderTest()
+    with pytest.raises(ZeroDivisionError) as raised, network:
+        network.start("arm", arm(1000))
+        network.until("robot/arm/pose")
+        raise ZeroDivisionError
+    assert "robot/arm/pose" in raised.value.__notes__[0]
+    assert not is_there(network.commands["arm"].pid)
+    with pytest.raises(InputError, match=r"^the network is not open"):
+        network.start("leg", arm(1))
+
+
+def test_rules_of_our_own_runs_go_by_key_too(cubepath_run: RunFixture) -> None:
+    """A session at the run's endpoint hears it."""
+    run = cubepath_run("hex:n=4", listen="tcp/127.0.0.1:0")
+    with pytest.raises(InputError, match=r"^key='//': expected a key expression"):
+        run.drop(key="//")
+    twice = run.double(key="**/reports/process_1")
+    heard: list[str] = []
+    with open_client(run.endpoint) as session:
+        subscribe(session, "**", lambda sample: heard.append(str(sample.key_expr)))
+        run.until("reports", key="cubepath/*/reports/process_1")
+    run.until_goal()
+    assert {seen.key.partition("/reports/")[2] for seen in twice.met} == {"process_1"}
+    assert json.dumps(heard)
