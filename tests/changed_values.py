@@ -287,7 +287,7 @@ def _with_attachment(found: Base, random: Random) -> Change | None:
     names = ".".join(key for key in path if isinstance(key, str))
     text = f"scene, {path}: {new!r} instead of {at(document, path)!r}"
     read = scene_from_toml(scene, "scene.toml")
-    return Change(with_fields(recording, scene=read), f"scene {names}", text)
+    return Change(with_fields(recording, stored_scene=read), f"scene {names}", text)
 
 
 class Answer(NamedTuple):

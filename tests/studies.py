@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from cubepath.coordinator.experiments.rows import RUN_COLUMNS, Row, in_canonical_order
-from cubepath.coordinator.experiments.statistics import geometric_mean_interval, mean_interval
+from cubepath.coordinator.experiments.statistics import geometric_mean_interval
 from cubepath.coordinator.experiments.sweeping import read_sweep
 from cubepath.coordinator.experiments.tables import FACTORS, groups, priced, shown, without_size
 
@@ -257,7 +257,7 @@ def _named(faults: str) -> str:
 
 
 def free_tables(rows: Sequence[Row]) -> dict[str, str]:
-    """Return the tables of the page on clocks: ratios, and what is behind them at equal speeds."""
+    """Return the tables of the page on clocks: ratios of times, in the model and with messages."""
     every = rows
     rows = [row for row in every if row["core"] == "compiled"]
     order, times = _faults_in_order(rows), ratios(rows)
@@ -272,22 +272,7 @@ def free_tables(rows: Sequence[Row]) -> dict[str, str]:
             for system in systems
         ],
     )
-    varied = ratios(rows, varied=True)
-    equal = []
-    for system in systems:
-        by_clock = groups(
-            [row for row in rows if row["system"] == system and row["faults"] == "none"], ["clock"]
-        )
-        cubes = [
-            mean_interval([row["cubes"] for row in by_clock[clock,]])
-            for clock in ("lockstep", "free")
-        ]
-        equal.append([f"`{system}`", *cubes, geometric_mean_interval(varied[system, "none"])])
-    return {
-        "slow": slow,
-        "equal": markdown(["system", "cubes, lockstep", "cubes, free", "ratio, varied"], equal),
-        "simulated": _simulated_table(every),
-    }
+    return {"slow": slow, "simulated": _simulated_table(every)}
 
 
 def _simulated_table(rows: Sequence[Row]) -> str:

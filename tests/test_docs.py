@@ -29,6 +29,7 @@ LONG = {
     "extending",
     "free-clock",
     "hosts",
+    "messages",
     "recordings",
     "replay",
     "robots",

@@ -3,15 +3,17 @@
     python tests/bench/bench_record.py [--quick]
 
 A process publishes messages of 200 bytes that block, through a router in a process of its own, to
-one other process: *counted* is a subscriber that adds one to a number, *recorded* is `cubepath
-record`. First at 20,000 a second, of which all have to arrive; processor time is that of the whole
-receiving process, without its start. Then as fast as it goes, over numbers of messages. Medians of
-several, by turns; `ratio` is recorded over counted. Nothing is asserted but that nothing is lost.
+one other process: *counted* is a subscriber that adds one to a number, *recorded* is `cubepath log
+record`, and *any keys* the same with `--keys`. First at 20,000 a second, of which all have to
+arrive; processor time is that of the whole receiving process, without its start. Then as fast as it
+goes, over numbers of messages. Medians of several, by turns; ratios are over counted. Nothing is
+asserted but that nothing is lost.
 """
 
 import argparse
 import json
 import os
+import signal
 import statistics
 import subprocess
 import sys
@@ -25,6 +27,7 @@ from cubepath.protocol.wire.router import Router
 TESTS = Path(__file__).parents[1]
 RATE, SIZE = 20_000, 200
 COUNTS, QUICK_COUNTS = (20_000, 60_000, 180_000), (5_000, 10_000)
+HOW = ("counted", "recorded", "any keys")
 STEADY, QUICK_STEADY = 100_000, 10_000
 COUNTER = """
 import sys, time
@@ -51,7 +54,7 @@ def processor_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def received(count: int, rate: float, *, recorded: bool) -> tuple[float, float]:
+def received(count: int, rate: float, how: str) -> tuple[float, float]:
     """Return the seconds, and the processor time, in which a process receives all messages."""
     with TemporaryDirectory() as folder, Router("tcp/127.0.0.1:0") as router:
         at = router.endpoint
@@ -71,8 +74,10 @@ def received(count: int, rate: float, *, recorded: bool) -> tuple[float, float]:
             "-o",
             f"{folder}/a.mcap",
             "--json",
+            *(["--keys", "cubepath/**"] if how == "any keys" else []),
         ]
-        receive = [sys.executable, *(record if recorded else ["-c", COUNTER, at, str(count)])]
+        counter = ["-c", COUNTER, at, str(count)]
+        receive = [sys.executable, *(counter if how == "counted" else record)]
         pipe = subprocess.PIPE
         with (
             subprocess.Popen(publish, cwd=TESTS, stdin=pipe, stdout=pipe, text=True) as mouth,
@@ -80,11 +85,13 @@ def received(count: int, rate: float, *, recorded: bool) -> tuple[float, float]:
         ):
             try:
                 seconds, spent = _carried(mouth, ear)
+                if how == "any keys":  # which have no end
+                    ear.send_signal(signal.SIGINT)
                 told = json.loads(ear.communicate(timeout=60)[0])
             finally:
                 mouth.kill()
                 ear.kill()
-        if recorded:
+        if how != "counted":
             assert (told["messages"], told["lost"]) == (count, {}), told
         elif told["messages"] < count:  # it was too slow for the router, which cut it off
             print(f"  counted: {told['messages']:,} of {count:,} came")
@@ -124,15 +131,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     cases = [(QUICK_STEADY if quick else STEADY, float(RATE))]
     cases += [(count, 0.0) for count in (QUICK_COUNTS if quick else COUNTS)]
     for count, rate in cases:
-        how = f"at {RATE:,} a second" if rate else "as fast as it goes"
-        print(f"{count:,} messages of {SIZE} bytes, {how}")
-        both: tuple[list[tuple[float, float]], list[tuple[float, float]]] = [], []
+        speed = f"at {RATE:,} a second" if rate else "as fast as it goes"
+        print(f"{count:,} messages of {SIZE} bytes, {speed}")
+        found: dict[str, list[tuple[float, float]]] = {name: [] for name in HOW}
         for _ in range(repeats):
-            for recorded, into in enumerate(both):
-                into.append(received(count, rate, recorded=bool(recorded)))
-        counted, cost = row("  counted", both[0], count)
-        written, more = row("  recorded", both[1], count)
-        print(f"  ratio{'':<23}{written / counted:>10.2f}{more / cost:>19.2f}")
+            for name, into in found.items():
+                into.append(received(count, rate, name))
+        counted, cost = row("  counted", found["counted"], count)
+        for name in HOW[1:]:
+            written, more = row(f"  {name}", found[name], count)
+            print(f"  ratio{'':<23}{written / counted:>10.2f}{more / cost:>19.2f}")
 
 
 if __name__ == "__main__":

@@ -284,13 +284,13 @@ def from_elsewhere(recording: Recording) -> Recording:
     scene = recording.scene
     near = {each for site in scene.start for each in scene.system.sensed(site) if each}
     free = max(near - {*scene.start}, key=repr)
-    return replace(recording, scene=replace(scene, start=(free, *scene.start[1:])))
+    return replace(recording, stored_scene=replace(scene, start=(free, *scene.start[1:])))
 
 
 def to_elsewhere(recording: Recording) -> Recording:
     """Return the recording with another goal: the start."""
     scene = recording.scene
-    return replace(recording, scene=replace(scene, goal=frozenset(scene.start), goals=()))
+    return replace(recording, stored_scene=replace(scene, goal=frozenset(scene.start), goals=()))
 
 
 def with_obstacle(recording: Recording) -> Recording:
@@ -303,7 +303,7 @@ def with_obstacle(recording: Recording) -> Recording:
         filled=system.filled,
         empty={*system.empty, (90, 90)},
     )
-    return replace(recording, scene=replace(scene, system=changed))
+    return replace(recording, stored_scene=replace(scene, system=changed))
 
 
 def spelled(moves: Any) -> Any:

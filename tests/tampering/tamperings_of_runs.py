@@ -283,7 +283,7 @@ def a_run_that_goes_on_at_its_goal() -> Recording:
     assert not scene.reached(tuple(each.site) for each in reports_after(whole, 3)), (
         "nobody moves in the last round"
     )
-    return with_fields(whole, scene=scene)
+    return with_fields(whole, stored_scene=scene)
 
 
 def reports_after(recording: Recording, number: int) -> list[Any]:

@@ -213,8 +213,8 @@ def test_a_name_in_a_recording_opens_no_file(given: Path) -> None:
         assert carried.code in (0, 1), command
         assert not [each for each in carried.opened if each.startswith("mine")], command
     (mine / "hex.toml").write_text(scene_to_toml(scene("hex:n=4")))
-    lost = replace(remains_of(given / "file.mcap"), scene=None)
-    assert with_told_scene(lost, scene("hex:n=3")).scene == scene("hex:n=3")
+    lost = replace(remains_of(given / "file.mcap"), stored_scene=None)
+    assert with_told_scene(lost, scene("hex:n=3")).stored_scene == scene("hex:n=3")
 
 
 @pytest.mark.slow

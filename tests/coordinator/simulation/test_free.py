@@ -70,6 +70,13 @@ def test_who_stays_by_choice_is_not_stuck() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("seed", "outcome"), [(21297, "blocked"), (26641, "gave-up")])
+def test_a_rule_that_does_not_arrive_is_no_fault_of_keepers(seed: int, outcome: str) -> None:
+    """Vehicles go round one that has died for ever; one gives up after many moves."""
+    assert FreeSwarm().run_of(seed).outcome == outcome
+
+
+@pytest.mark.slow
 def test_a_process_that_was_replaced_ends_by_itself() -> None:
     """It wakes, learns that it is fenced off, and nobody waits for it to come back."""
     run = FreeSwarm().run_of(4936)

@@ -12,7 +12,7 @@ import pytest
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 
 
-def tested(tmp_path: Path, name: str, *options: str) -> subprocess.CompletedProcess[str]:
+def run_tests(tmp_path: Path, name: str, *options: str) -> subprocess.CompletedProcess[str]:
     """Run the tests of a project in a fresh process with nothing of ours on its path."""
     project = tmp_path / name
     if not project.exists():
@@ -34,7 +34,7 @@ def tested(tmp_path: Path, name: str, *options: str) -> subprocess.CompletedProc
 @pytest.mark.parametrize(("name", "tests"), [("vehicles", 6), ("stock", 2)])
 def test_an_example_project_passes(name: str, tests: int, tmp_path: Path) -> None:
     """Copied elsewhere; it leaves nothing."""
-    done = tested(tmp_path, name)
+    done = run_tests(tmp_path, name)
     assert done.returncode == 0, done.stdout
     assert f"{tests} passed" in done.stdout
     assert not list((tmp_path / "t").glob("cubepath-*"))
@@ -51,7 +51,7 @@ def test_the_planted_bug_is_found(test: str, tmp_path: Path) -> None:
     store = tmp_path / "stock" / "store.py"
     assert store.read_text().count(right) == 1
     store.write_text(store.read_text().replace(right, wrong))
-    done = tested(tmp_path, "stock", "-k", test, "--hypothesis-seed=1")
+    done = run_tests(tmp_path, "stock", "-k", test, "--hypothesis-seed=1")
     assert "1 failed" in done.stdout, done.stdout + done.stderr
     assert re.search(r"lost +[\d.]+ .*stock/sale", done.stdout), done.stdout
     assert re.search(r"\d+ stock/sold", done.stdout)

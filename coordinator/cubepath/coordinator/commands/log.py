@@ -11,6 +11,7 @@ from cubepath.coordinator.commands.console import DONE, answer, complain, progre
 from cubepath.coordinator.commands.files import Output, add_out, check_files, input_path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
+from cubepath.protocol.recordings.description import FREE_FORMAT, KEYS_FORMAT
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.protocol.core.system import Scene
@@ -62,7 +63,6 @@ def _recover(options: argparse.Namespace) -> int:
     from cubepath.agents.rules.registry import check_rule_file  # noqa: PLC0415
     from cubepath.coordinator.auditing.rule_audit import audit, unused_rules  # noqa: PLC0415
     from cubepath.coordinator.verification.recovery import recover, with_told_scene  # noqa: PLC0415
-    from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
     from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
 
     check_files(options, [options.source], Output(options.out))
@@ -75,11 +75,12 @@ def _recover(options: argparse.Namespace) -> int:
         remains = remains_of(options.source)
         remains = remains if scene is None else with_told_scene(remains, scene)
         recording = remains.recording()
-        if recording is not None:
+        of_run = recording is not None and not recording.of_keys
+        if recording is not None and of_run:
             recordings.check_used(options.rule, unused_rules(recording, options.rule))
         reply = (
             _alone(remains)
-            if recording is None
+            if recording is None or not of_run
             else recordings.verified(recording, audit(recording, bar.update, rules=options.rule))
         )
     try:
@@ -87,7 +88,7 @@ def _recover(options: argparse.Namespace) -> int:
     finally:
         answer(options, reply.document, reply.text)
     step = "level" if remains.format == FREE_FORMAT else "whole round"
-    known = "" if recording is None else f", {counted(saved.rounds, step)}"
+    known = f", {counted(saved.rounds, step)}" if of_run else ""
     complain(f"{saved.out}: {counted(saved.messages, 'message')} written{known}")
     for each in reply.complaints:
         complain(each)
@@ -115,10 +116,16 @@ def _scene(options: argparse.Namespace) -> Scene | None:
 
 
 def _alone(remains: Remains) -> recordings.RecordingAnswer:
-    """Return what to report about messages whose scene is lost."""
+    """Return what to report about messages on any keys, or about those whose scene is lost."""
+    document = {
+        "ok": not remains.problems,
+        "messages": len(remains.records),
+        "problems": [*remains.problems],
+    }
+    text = "\n".join(map(visible, remains.problems))
+    if remains.format == KEYS_FORMAT:
+        return recordings.RecordingAnswer(document, text)
     system = remains.parameters.get("system", "SYSTEM")
     why = f"{remains.path}: its scene is lost, so the messages are recovered alone"
     hint = f"the same with --system {system} makes a recording of them"
-    document = {"ok": False, "messages": len(remains.records), "problems": [*remains.problems]}
-    text = "\n".join(map(visible, remains.problems))
     return recordings.RecordingAnswer(document, text, complaints=(f"{why}; {hint}",))

@@ -16,6 +16,7 @@ from cubepath.coordinator.commands.run import watched_rounds, with_damage
 from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted, visible
+from cubepath.protocol.recordings.description import KEYS
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.playback.replay_comparison import ReplayResult
@@ -31,6 +32,8 @@ _PLAYER = (
     *("topics", "exclude", "remap", "run"),
 )
 """Options of the player, which plays a recording as it is."""
+_OF_KEYS = ("log", "run", "endpoint", "messages", "left_out", "seconds", "complete", "problems")
+"""What is told of messages on any keys, which have nothing to compare them with."""
 _WAIT_S = 60.0
 _seconds = usage.number("0 or more seconds", lambda found: found >= 0)
 
@@ -92,6 +95,7 @@ def _add_more(more: Any) -> None:
         help="put a topic, or all that begin so, on another key, can be given several times",
     )
     more.add_argument("--run", metavar="ID", help="the run id in the keys (default: a new one)")
+    usage.add_fields(more, RunOptions, "connect")
     more.add_argument(
         "--wait-for-subscribers",
         type=_seconds,
@@ -105,7 +109,7 @@ def _add_more(more: Any) -> None:
 
 def _add_live(live: Any) -> None:
     live.add_argument("--rule", help="a name or FILE.py:NAME (default: the one on record)")
-    usage.add_fields(live, RunOptions, "processes", "connect", "secure", "wait_for", "patience")
+    usage.add_fields(live, RunOptions, "processes", "secure", "wait_for", "patience")
 
 
 def _modules(text: str) -> tuple[int, ...] | str:
@@ -141,14 +145,18 @@ def _replay(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     for key in _LIVE[1:]:
-        if getattr(options, key) is not None:
+        if key != "connect" and getattr(options, key) is not None:
             raise InputError(f"--{key.replace('_', '-')}: expected --modules with it")
     if options.max_gap_s is not None and options.rate is None:
         raise InputError("--max-gap: expected --rate with it")
     with console.progress_bar(None, "read", ""):
         recording = read_recording(options.parent)
     found = _played(options, recording)
-    console.answer(options, found.document(), console.table(_rows(found)))
+    document, rows = found.document(), _rows(found)
+    if recording.of_keys:
+        document = {key: document[key] for key in _OF_KEYS}
+        rows = [row for row in rows if row[0] in ("messages", "not played", "time")]
+    console.answer(options, document, console.table(rows))
     lacking = () if found.lacking is None else (found.lacking,)
     for line in (*recording.problems, *lacking, *found.differences):
         console.complain(f"{recording.path}: {line}")
@@ -191,13 +199,15 @@ def _live_text(found: LiveReplay) -> str:
 def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
     """Play it under the keys of a terminal if it takes time, and else to its end."""
     asked: Any = {name: getattr(options, name) for name in _PLAYER} | {"endpoint": options.listen}
+    asked["connect"] = options.connect
     takes_time = options.loop or options.paused or asked.get("rate") not in (None, "max")
 
     def announce(endpoint: str, run: str) -> None:
         if takes_time or any(
             (options.listen, options.run, options.wait_for_subscribers is not None)
         ):
-            console.complain(f"replaying on {endpoint} under cubepath/{run}/**")
+            keys = recording.parameters.get(KEYS, "") if recording.of_keys else ""
+            console.complain(f"replaying on {endpoint} under {keys or f'cubepath/{run}/**'}")
 
     if takes_time and has_terminal():
         from cubepath.coordinator.playback.player import Player  # noqa: PLC0415

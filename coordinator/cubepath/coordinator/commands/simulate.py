@@ -120,6 +120,7 @@ def _table(tally: SeedTally, seconds: float) -> str:
     ]
     if tally.simulator.unit == "moves":
         rows += [("enough moves", outcomes["moves"]), ("blocked", outcomes["blocked"])]
+        rows += [("rule gave up", outcomes["gave-up"])]
     else:
         rows += [
             ("stopped at the round limit", outcomes["max-rounds"]),

@@ -12,8 +12,9 @@ from queue import Empty, SimpleQueue
 from typing import Self, TypeAlias, Unpack
 
 from cubepath.coordinator.playback import machine
+from cubepath.coordinator.playback.key_session import session_of
 from cubepath.coordinator.playback.replay_comparison import ReplayResult
-from cubepath.coordinator.playback.replay_session import PlayOptions, ReplaySession
+from cubepath.coordinator.playback.replay_session import PlayOptions
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.options import seconds
@@ -55,7 +56,7 @@ class Player:
         self._hold = hold
         given = PlayOptions(**options)
         given.setdefault("paused", True)
-        self._playing = ReplaySession(recording_of(recording), **given)
+        self._playing = session_of(recording_of(recording), given)
         self._thread = threading.Thread(target=self._run, name="cubepath-player", daemon=True)
         self._error: BaseException | None = None
         self._over = threading.Event()
@@ -236,7 +237,7 @@ def replay(
     'the same as recorded in 10 rounds; not compared: rounds 1 to 2, 13 to 29, cubes, summary'
     """
     recording = recording_of(recording)
-    with ReplaySession(recording, **options) as playing:
+    with session_of(recording, options) as playing:
         if announce is not None:
             announce(playing.endpoint, playing.run)
         playing.play()

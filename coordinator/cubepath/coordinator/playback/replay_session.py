@@ -36,6 +36,7 @@ from cubepath.coordinator.playback.selection import (
     PlayedMessages,
     RecordedStates,
     SegmentComparison,
+    StateAt,
     check_run,
 )
 from cubepath.coordinator.runs.asking import RunInfo, offer
@@ -44,9 +45,10 @@ from cubepath.protocol.core.options import real_number, seconds
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire import sessions
-from cubepath.protocol.wire.credentials import COORDINATOR
+from cubepath.protocol.wire.credentials import COORDINATOR, GUEST
 from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.router import Router
 
@@ -79,6 +81,7 @@ class PlayOptions(TypedDict, total=False):
     - ``run``: the run id in the keys, by default a new one.
     - ``endpoint``: where the router listens, for example "tcp/127.0.0.1:7447"; None means a unix
       socket at which others of this user can listen.
+    - ``connect``: where a router listens that is there, in place of one of its own.
     - ``progress``: called now and then with the number of messages that have arrived since.
     """
 
@@ -94,6 +97,7 @@ class PlayOptions(TypedDict, total=False):
     remap: Collection[str]
     run: str | None
     endpoint: str | None
+    connect: str | None
     progress: Progress | None
 
 
@@ -115,8 +119,12 @@ class ReplaySession:
         self.run = uuid.uuid4().hex[:12] if name is None else name
         check_run(self.run)
         self._keys = KeyMapping(recording, self.run, _several("remap", given.get("remap", ())))
-        self._endpoint = given.get("endpoint")
-        self._keys.check_reach(private=self._endpoint is None)
+        self._endpoint, self._connect = given.get("endpoint"), given.get("connect")
+        if self._connect is not None:
+            sessions.check_endpoints(self._connect)
+            if self._endpoint is not None:
+                raise InputError(f"connect={self._connect}: not with an endpoint to listen at")
+        self._keys.check_reach(private=(self._endpoint or self._connect) is None)
         self._keys.check_remap(self._selection.takes_topic)
         wait = given.get("wait_for_subscribers")
         self._wait_s = None if wait is None else seconds("wait_for_subscribers", wait)
@@ -132,9 +140,7 @@ class ReplaySession:
             paused=given.get("paused", False),
             max_gap_s=None if max_gap is None else seconds("max_gap_s", max_gap),
         )
-        self._states = RecordedStates(self.reel)
-        self._extent = replay_comparison.extent_of(recording)
-        self._segments = SegmentComparison(recording, self._extent)
+        self._prepare()
         self._queue: SimpleQueue[_Came] = SimpleQueue()
         self._resources = contextlib.ExitStack()
         self._arrived = self._sent = 0
@@ -147,24 +153,28 @@ class ReplaySession:
         self.endpoint = ""
         self._began = time.monotonic()
 
+    def _prepare(self) -> None:
+        """Prepare what the run is gathered in, and compared with."""
+        self._states = RecordedStates(self.reel)
+        self._extent = replay_comparison.extent_of(self.recording)
+        self._segments = SegmentComparison(self.recording, self._extent)
+
     def __enter__(self) -> Self:
         """Start the router, open the sessions, and listen to orders."""
         with contextlib.ExitStack() as opening:
-            router = opening.enter_context(Router(self._endpoint))
-            self.endpoint = router.endpoint
-            # It speaks for all modules, which the coordinator alone may.
-            lead = router.credentials(COORDINATOR)
+            if self._connect is None:
+                router = opening.enter_context(Router(self._endpoint))
+                # It speaks for all modules, which the coordinator alone may.
+                self.endpoint, lead = router.endpoint, router.credentials(COORDINATOR)
+            else:
+                self.endpoint, lead = self._connect, GUEST
             self._mouth = sessions.open_client(self.endpoint, credentials=lead)
             opening.callback(self._mouth.close)
             self._ear = sessions.open_client(self.endpoint, credentials=lead)
             opening.callback(self._ear.close)
             queries = answer_queries(self._mouth, self.run, self._queue.put)
             opening.callback(queries.undeclare)
-            recording = self.reel.recording
-            parameters = {**recording.parameters, LEFT_OUT[0]: "a replay"}
-            scene = scene_to_toml(recording.scene)
-            about = RunInfo(self.run, recording.format, parameters, scene, is_replay=True)
-            self._offered = offer(self._mouth, lambda: about)
+            self._offer()
             if self._wait_s is None:
                 opening.callback(self._listen())
             self._resources = opening.pop_all()
@@ -174,6 +184,14 @@ class ReplaySession:
     def __exit__(self, *_: object) -> None:
         """Close the sessions, and end the router."""
         self._resources.close()
+
+    def _offer(self) -> None:
+        """Answer those who look for a run."""
+        recording = self.recording
+        parameters = {**recording.parameters, LEFT_OUT[0]: "a replay"}
+        scene = scene_to_toml(recording.scene)
+        about = RunInfo(self.run, recording.format, parameters, scene, is_replay=True)
+        self._offered = offer(self._mouth, lambda: about)
 
     def _listen(self) -> Callable[[], None]:
         """Listen to the run, and return what ends that."""
@@ -203,7 +221,7 @@ class ReplaySession:
             self._answer()
             match self._machine.next(time.monotonic()):
                 case PutMessage(record=record, mark=mark):
-                    self._put(record.kind, self._keys.key(record), record.data, mark)
+                    self._play(record, self._keys.key(record), mark)
                 case PositionJump(why=why):
                     self._jumped(why)
                 case WaitForOrder(until=until):
@@ -219,37 +237,55 @@ class ReplaySession:
         self._gather()
         self._answer(at_end=True)
 
-    def _put(self, kind: str, key: str, data: bytes, mark: timeline.Cursor) -> None:
-        sessions.put(self._mouth, key, data)
+    def _play(self, record: Record, key: str, mark: timeline.Cursor) -> None:
+        self._put(record, key, mark)
         self._last = timeline.Cursor(mark.chunk, mark.place + 1)
+        if not self._seen or not any(low <= mark < high for low, high in self._seen):
+            self._played[record.kind] += 1
+
+    def _put(self, record: Record, key: str, _mark: timeline.Cursor) -> None:
+        sessions.put(self._mouth, key, record.data)
         if key.startswith(self._keys.within):
             self._sent += 1
-        if not self._seen or not any(low <= mark < high for low, high in self._seen):
-            self._played[kind] += 1
 
     def _wait_for_others(self) -> None:
         if self._wait_s is None:
             return
         deadline = time.monotonic() + self._wait_s
+        waited = self._waited_for()
         # The own ear listens only then: it would be the subscriber that is waited for.
-        with sessions.publisher(self._mouth, everything(self.run)) as everything_said:
-            while not (sessions.is_heard(everything_said) or self._machine.stopped):
+        with contextlib.ExitStack() as declared:
+            said = [
+                declared.enter_context(sessions.publisher(self._mouth, each)) for each in waited
+            ]
+            while not (any(map(sessions.is_heard, said)) or self._machine.stopped):
                 if time.monotonic() >= deadline:
                     raise CheckError(
-                        f"no subscriber to {everything(self.run)} within {self._wait_s:g} s"
+                        f"no subscriber to {' or '.join(waited)} within {self._wait_s:g} s"
                     )
                 self._rest_until(time.monotonic() + _LOOK_S)
                 self._take_what_is_there()
                 self._answer()
         self._resources.callback(self._listen())
 
+    def _waited_for(self) -> list[str]:
+        """Return the keys to one of which somebody has to subscribe."""
+        return [everything(self.run)]
+
     def _jumped(self, why: Why) -> None:
         """Say that the position has jumped, and gather anew from there."""
         self._gather()
         self._cover()
         machine = self._machine
-        status = self.status()
         state = self._states.at(machine.mark)
+        self._tell_position(why, state)
+        if self._is_start(machine.mark):
+            self._segments.restart()
+        else:
+            self._segments.jump(state)
+
+    def _tell_position(self, why: Why, state: StateAt) -> None:
+        status = self.status()
         position = Position(
             run=self.run,
             why=why,
@@ -261,10 +297,6 @@ class ReplaySession:
             modules=list(state.sites),
         )
         sessions.put(self._mouth, position_key(self.run), msgspec.json.encode(position))
-        if self._is_start(machine.mark):
-            self._segments.restart()
-        else:
-            self._segments.jump(state)
 
     def _is_start(self, mark: timeline.Cursor) -> bool:
         """Return whether nothing that the run is gathered from stands before a mark."""

@@ -26,6 +26,7 @@ from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.cutting import MessageSelection, check_topics
+from cubepath.protocol.recordings.plain_messages import ATTACHMENT, key_in
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record, kinds_of
 from cubepath.protocol.wire.free_messages import Commit, CommitLog, decode_free, free_key
@@ -49,6 +50,8 @@ def said_under(clock: str) -> tuple[str, ...]:
 class PlayedMessages:
     """The messages that are played: what modules and keepers sent, or those on some topics.
 
+    Of messages on any keys all are, with their attachments.
+
     >>> recording = read_recording("logs/golden/hex-5.mcap")
     >>> some = PlayedMessages(recording, topics=["reports/*", "edges/*"], exclude=["*/*_[1-9]"])
     >>> sorted({record.topic for record in recording.records if some.takes(record)})
@@ -64,9 +67,9 @@ class PlayedMessages:
         of them, or if nothing is left to play.
         """
         check_topics(recording, MessageSelection(tuple(topics), tuple(exclude)))
-        kept = topics or said_under(recording.clock)
+        kept = topics or (() if recording.of_keys else said_under(recording.clock))
         selection = MessageSelection(tuple(kept), tuple(exclude))
-        self.takes = selection.keeps
+        self.takes: Callable[[Record], bool] = selection.keeps
         """Returns whether a message is played."""
         self.takes_topic = selection.takes_topic
         """Returns whether the messages on a topic are played."""
@@ -74,6 +77,9 @@ class PlayedMessages:
         self.kinds = frozenset(_kind(topic) for topic in there if self.takes_topic(topic))
         """The kinds that are among them."""
         self.needed = _NEEDED[recording.clock]
+        if recording.of_keys:
+            self.takes = lambda each: not each.topic.endswith(ATTACHMENT) and selection.keeps(each)
+            self.needed = frozenset()
         if there and not self.kinds:
             named = ", ".join(
                 f"{name}={each}"
@@ -117,6 +123,11 @@ class KeyMapping:
 
         A private router lets nobody put on keys that are not those of a run.
         """
+        if private and self._recording.of_keys:
+            raise InputError(
+                f"{self._recording.path}: messages on any keys, expected where your programs are:"
+                " --listen ENDPOINT for a router of its own, or --connect ENDPOINT for yours"
+            )
         for old, new in self.remap:
             if private and new.startswith("/") and not new.startswith(f"/{ROOT}/"):
                 raise InputError(
@@ -132,7 +143,7 @@ class KeyMapping:
         if not left:
             return
         # What is not a topic may be a key, which messages tell: of a region, for example.
-        for record in self._recording.records:
+        for record in () if self._recording.of_keys else self._recording.records:
             key = topic_in_key(self._plain(record)) if takes(record.topic) else ""
             left = [each for each in left if not _begins(key, each[0])]
             if not left:
@@ -149,6 +160,8 @@ class KeyMapping:
         return self._remapped(record.topic, found) if self.remap else found
 
     def _plain(self, record: Record) -> str:
+        if self._recording.of_keys:
+            return key_in(record.topic)
         if record.kind not in self._known:  # what other tools read
             return f"{ROOT}/{self.run}/{record.topic.strip('/')}"
         message: Any = recorded_message(self._recording, record)
@@ -156,6 +169,10 @@ class KeyMapping:
 
     def _remapped(self, topic: str, key: str) -> str:
         for old, new in self.remap:
+            if self._recording.of_keys:
+                if _begins(key, old):
+                    return (new + key.removeprefix(old)).lstrip("/")
+                continue
             for whole in (topic, topic_in_key(key)):
                 if _begins(whole, old):
                     rest = new + whole.removeprefix(old)

@@ -217,7 +217,7 @@ class Timeline:
     def began_ns(self) -> int:
         """The publish time of the first message."""
         found = self.next(START)
-        return 0 if found is None else found[1].wall_ns
+        return 0 if found is None else self.recording.received_ns(found[1])
 
     @cached_property
     def seconds(self) -> float:
@@ -227,7 +227,7 @@ class Timeline:
 
     def time_of(self, record: Record) -> float:
         """Return when a message was published, in seconds since the first one."""
-        return (record.wall_ns - self.began_ns) / 1e9
+        return (self.recording.received_ns(record) - self.began_ns) / 1e9
 
     def time_at(self, mark: Cursor) -> float:
         """Return when the message at a mark was published; at the end when the last one was."""

@@ -62,9 +62,14 @@ def info(recording: Recording | Source) -> dict[str, Any]:
     """
     recording = recording_of(recording)
     parameters = recording.parameters
+    if recording.of_keys:
+        return {
+            "log": str(recording.path),
+            "format": recording.format,
+            "parameters": dict(parameters),
+            **_amounts(recording),
+        }
     summary, rounds, moves = _result(recording)
-    counts = recording.counts()
-    first, last = counts.first_wall_ns, counts.last_wall_ns
     known = (*_DESCRIBED, *_VERSIONS)
     return {
         "log": str(recording.path),
@@ -84,6 +89,15 @@ def info(recording: Recording | Source) -> dict[str, Any]:
         "ended": None if summary is None else summary.ended,
         "complete": summary is not None and not recording.problems and not lacks(recording),
         "error": None if summary is None else summary.error,
+        **_amounts(recording),
+    }
+
+
+def _amounts(recording: Recording) -> dict[str, Any]:
+    """Return how much there is of which messages, and what is damaged."""
+    counts = recording.counts()
+    first, last = counts.first_wall_ns, counts.last_wall_ns
+    return {
         "messages": counts.messages,
         "kinds": _kinds(counts),
         "parts": dict(sorted(counts.parts.items())),
@@ -214,9 +228,45 @@ def _modules(document: Mapping[str, Any]) -> str:
 
 def render(document: Mapping[str, Any]) -> str:
     """Return the result of `info` as a readable table, with control characters shown."""
+    rows: list[tuple[str, object]] = [("log", document["log"]), ("format", document["format"])]
+    if "system" in document:
+        rows += _run_rows(document)
+    rows += [
+        ("began", document["began"] or "unknown"),
+        ("took", f"{document['seconds']:.3f} s"),
+        ("messages", f"{document['messages']} on {document['topics']} topics"),
+    ]
+    rows += [
+        ("refused", f"{each['count']} of {each['sender']}, {each['reason']}: {each['detail']}")
+        for each in document.get("refused", ())
+    ]
+    rows += [
+        (f"  {kind}", f"{found['messages']:>7}  {found['bytes']:>10} bytes")
+        for kind, found in document["kinds"].items()
+    ]
+    rows += [
+        (f"  {kind}", f"{found:>7}  in batches")
+        for kind, found in document["parts"].items()
+        if kind not in document["kinds"]
+    ]
+    rows.append(
+        (
+            "size",
+            f"{document['bytes']} bytes, {document['message_bytes']} of messages before packing",
+        )
+    )
+    rows += document["parameters"].items()
+    if document.get("versions"):
+        rows.append(("versions", ""))
+        rows += [(f"  {name}", version) for name, version in document["versions"].items()]
+    rows += [("problem", problem) for problem in document["problems"]] or [("problems", "none")]
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(visible(f"{name:<{width}}  {value}".rstrip()) for name, value in rows)
+
+
+def _run_rows(document: Mapping[str, Any]) -> list[tuple[str, object]]:
+    """Return what is told of a run."""
     rows: list[tuple[str, object]] = [
-        ("log", document["log"]),
-        ("format", document["format"]),
         ("system", document["system"]),
         ("rule", f"{document['rule']}, seed {document['seed']}, hesitate {document['hesitate']}"),
         ("modules", _modules(document)),
@@ -246,34 +296,4 @@ def render(document: Mapping[str, Any]) -> str:
                 f"{certificate['cancelled']} pairs cancelled, a chain of {certificate['chain']}",
             )
         )
-    rows += [
-        ("began", document["began"] or "unknown"),
-        ("took", f"{document['seconds']:.3f} s"),
-        ("messages", f"{document['messages']} on {document['topics']} topics"),
-    ]
-    rows += [
-        ("refused", f"{each['count']} of {each['sender']}, {each['reason']}: {each['detail']}")
-        for each in document["refused"]
-    ]
-    rows += [
-        (f"  {kind}", f"{found['messages']:>7}  {found['bytes']:>10} bytes")
-        for kind, found in document["kinds"].items()
-    ]
-    rows += [
-        (f"  {kind}", f"{found:>7}  in batches")
-        for kind, found in document.get("parts", {}).items()
-        if kind not in document["kinds"]
-    ]
-    rows.append(
-        (
-            "size",
-            f"{document['bytes']} bytes, {document['message_bytes']} of messages before packing",
-        )
-    )
-    rows += document["parameters"].items()
-    if document["versions"]:
-        rows.append(("versions", ""))
-    rows += [(f"  {name}", version) for name, version in document["versions"].items()]
-    rows += [("problem", problem) for problem in document["problems"]] or [("problems", "none")]
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(visible(f"{name:<{width}}  {value}".rstrip()) for name, value in rows)
+    return rows

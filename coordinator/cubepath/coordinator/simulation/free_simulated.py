@@ -166,7 +166,7 @@ _ROUNDS_MAX = 3000
 _JITTER = 0.5
 
 Phase = Literal["faults", "on", "rest"]
-FreeOutcome = Literal["goal", "moves", "blocked"]
+FreeOutcome = Literal["goal", "moves", "blocked", "gave-up"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,6 +326,9 @@ class _Run:
         try:
             self.network.run(_STEPS_MAX, 10**15)
         except OracleError as broken:
+            if broken.kind == "rule":  # as on the wire, the run ends
+                self.came_to = "gave-up"
+                return None
             return Failure(broken.kind, str(broken))
         except EndlessRun as error:
             return Failure("liveness", f"{error}, {self._where()}")
@@ -399,6 +402,10 @@ class _Run:
                 self.came_to = "blocked"
                 self._begin("rest")
         if self.phase == "on" and network.now_us - self._since_us > _ON_US:
+            if self._to_goal and network.gone:  # others go round the dead for ever
+                self.came_to = "blocked"
+                self._begin("rest")
+                return
             raise OracleError(
                 "liveness", f"no end {_ON_US // SECOND_US} s after the faults, {self._where()}"
             )

@@ -213,9 +213,9 @@ def _kinds_text(parts: Iterable[Any]) -> str:
 
 WITHOUT_ROUNDS = ScenarioOptions(clock="free")
 """Nothing else is asked for: everything is drawn."""
-FREE_OUTCOMES = ("goal", "moves", "blocked", "failure")
+FREE_OUTCOMES = ("goal", "moves", "blocked", "gave-up", "failure")
 """How a run can come out: at its goal, or with moves enough; nothing could move but for the dead,
-or these were in the way of the goal; or it fails."""
+or these were in the way of the goal; its rule gave up; or it fails."""
 
 
 class FreeSwarm:

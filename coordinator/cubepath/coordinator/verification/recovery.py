@@ -57,7 +57,9 @@ def recover(
     if isinstance(given, Remains):
         given = given if scene is None else with_told_scene(given, scene)
         given = given.recording() or given
-    rounds = 0 if isinstance(given, Remains) else whole_rounds(given)
+    rounds = 0
+    if isinstance(given, Recording) and not given.of_keys:
+        rounds = whole_rounds(given)
     count = len(given.records)
     last = max((record.sequence for record in given.records), default=-1)
     gap = max(0, last + 1 - count)
@@ -74,11 +76,11 @@ def with_told_scene(remains: Remains, scene: Scene) -> Remains:
     InputError in one line if the recording has another scene, names another system, or has a
     message that cannot be of this one.
     """
-    if remains.scene is not None:
-        if not _equal(remains.scene, scene):
+    if remains.stored_scene is not None:
+        if not _equal(remains.stored_scene, scene):
             raise InputError(
                 f"system={scene.spec}: the scene of {remains.path} is not lost, and it is that of"
-                f" {remains.scene.spec}"
+                f" {remains.stored_scene.spec}"
             )
         return remains
     named = remains.parameters.get("system", scene.spec)

@@ -93,13 +93,15 @@ class McapAppender:
         schema = records.Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         return self._gather(_packed(schema), self._schemas)
 
-    def add_channel(self, topic: str, encoding: str, schema: int) -> int:
-        """Add a channel; return its number."""
+    def add_channel(
+        self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str] | None = None
+    ) -> int:
+        """Add a channel, of schema 0 if there is none; return its number."""
         channel = records.Channel(
             id=len(self._channels) + 1,
             topic=topic,
             message_encoding=encoding,
-            metadata={},
+            metadata=dict(metadata or {}),
             schema_id=schema,
         )
         return self._gather(_packed(channel), self._channels)

@@ -24,7 +24,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.output_files import unwritable, written_whole
-from cubepath.protocol.recordings.description import ATTACHED, PART
+from cubepath.protocol.recordings.description import ATTACHED, KEYS, PART
+from cubepath.protocol.recordings.plain_messages import key_in
 from cubepath.protocol.recordings.recording import Recording, read_undamaged
 from cubepath.protocol.recordings.stored_messages import Record, round_of_data
 from cubepath.protocol.recordings.writing import RecordingWriter, append, copy_to, refuse_source
@@ -41,7 +42,8 @@ class MessageSelection:
     """Which messages are taken: by topic, and by the range of their log times, ends included.
 
     A pattern has ``*``, ``?`` and ``[...]`` as file names have, and is held against the topic
-    ``KIND/SENDER`` and against the kind alone. Without `topics` all are taken; what `exclude`
+    ``KIND/SENDER`` and against the kind alone; for messages on any keys against the key and its
+    first part. Without `topics` all are taken; what `exclude`
     matches is not.
 
     >>> kept = MessageSelection(topics=("report*",), first=2)
@@ -119,8 +121,9 @@ def check_topics(recording: Recording, selection: MessageSelection) -> None:
 
 
 def _matches(topic: str, pattern: str) -> bool:
-    """Return whether a pattern matches a topic, or its kind."""
-    return fnmatchcase(topic, pattern) or fnmatchcase(topic.partition("/")[0], pattern)
+    """Return whether a pattern matches a topic, its kind, or the key of an attachment."""
+    names = topic, key_in(topic), topic.partition("/")[0]
+    return any(fnmatchcase(name, pattern) for name in names)
 
 
 def whole_of(recording: Recording) -> int | None:
@@ -281,14 +284,14 @@ def _beginnings(
         # What comes before the first round belongs to it.
         return _Span(rounds, lambda record: max(record.round, 1))
     if seconds is not None:
-        return _Span(max(1, int(seconds * _NS)), lambda record: record.wall_ns)
+        return _Span(max(1, int(seconds * _NS)), recording.received_ns)
     return lambda writer, _, record: _is_full(recording, writer, record, size or 0)
 
 
 def _is_full(recording: Recording, writer: RecordingWriter, record: Record, size: int) -> bool:
-    full = writer.size_with(record.topic, len(record.data)) > size
+    least = writer.size_with(record)
+    full = least > size
     if full and not writer.messages:
-        least = writer.size_with(record.topic, len(record.data))
         raise InputError(
             f"{recording.path}: a part of {size} bytes has no room for scene, parameters and"
             f" message {record.sequence}: expected at least {least} bytes"
@@ -379,6 +382,9 @@ def merge_recordings(sources: Sequence[Recording | Source], out: Path | str) -> 
         notes = _notes(found, count)
         records = _by_number(found)
     notes = _of_one_file(found, notes)
+    if first.of_keys:
+        listed = (each.parameters.get(KEYS, "").split() for each in found)
+        notes[KEYS] = " ".join(dict.fromkeys(chain.from_iterable(listed)))
     with written_whole(out) as stream, copy_to(stream, out, first, notes) as writer:
         append(writer, records)
         return writer.messages
@@ -392,11 +398,11 @@ def _same_run(one: Recording, other: Recording) -> None:
 
     if one.format != other.format:
         refuse("another format")
-    if scene_to_toml(one.scene) != scene_to_toml(other.scene):
+    if not one.of_keys and scene_to_toml(one.scene) != scene_to_toml(other.scene):
         refuse("another scene")
     if one.schedule != other.schedule:
         refuse("another schedule")
-    for key in sorted({*one.parameters, *other.parameters} - {*CUTS, *_OF_A_FILE}):
+    for key in sorted({*one.parameters, *other.parameters} - {*CUTS, *_OF_A_FILE, KEYS}):
         mine, theirs = one.parameters.get(key), other.parameters.get(key)
         if mine != theirs:
             refuse(f"{key}={theirs!r}, other")
@@ -476,24 +482,31 @@ class _Heard:
     @cached_property
     def messages(self) -> Counter[bytes]:
         """Return how often each message is there, by a digest."""
-        return Counter(map(_digest, self.recording.records))
+        return Counter(map(self.digest, self.recording.records))
+
+    def digest(self, record: Record) -> bytes:
+        """Return a digest by which a message is the same as one of another recorder.
+
+        On any keys senders repeat themselves, but a router that stamps messages stamps each once.
+        """
+        found = blake2b(record.topic.encode(), digest_size=_DIGEST_BYTES)
+        found.update(b"\0")
+        if self.recording.of_keys:
+            found.update(b"%d\0" % record.wall_ns)
+        found.update(record.data)
+        return found.digest()
 
     def overlaps(self, other: Self) -> bool:
-        """Return whether both were recording at some time."""
+        """Return whether both may have heard the same messages."""
+        if self.recording.of_keys:  # a timestamp says more than when somebody came to read it
+            return True
         return self.times[0] <= other.times[1] and other.times[0] <= self.times[1]
-
-
-def _digest(record: Record) -> bytes:
-    digest = blake2b(record.topic.encode(), digest_size=_DIGEST_BYTES)
-    digest.update(b"\0")
-    digest.update(record.data)
-    return digest.digest()
 
 
 def _one_run(files: Sequence[_Heard]) -> None:
     """Raise InputError if what the coordinator says of a round is not the same in all files."""
     known: dict[tuple[str, int | None], tuple[_Heard, bytes]] = {}
-    for file in files:
+    for file in files if not files[0].recording.of_keys else ():
         own: dict[tuple[str, int | None], tuple[_Heard, bytes]] = {}
         for record in file.recording.of_kind("edges", "summary"):
             # The log time of edges is another where they were written at the end.
@@ -523,9 +536,9 @@ def _new_in(file: _Heard, before: Sequence[_Heard]) -> Iterator[tuple[int, Recor
     seen: Counter[bytes] = Counter()
     latest = 0
     for record in file.recording.records:
-        latest = max(latest, record.wall_ns)
+        latest = max(latest, file.recording.received_ns(record))
         if others:
-            digest = _digest(record)
+            digest = file.digest(record)
             seen[digest] += 1
             if any(other[digest] >= seen[digest] for other in others):
                 continue

@@ -62,7 +62,10 @@ _Known: TypeAlias = tuple[KindCount, bool]
 
 @dataclass(slots=True)
 class Counts:
-    """The counts of a recording; `parts` counts what batches hold, by kind."""
+    """The counts of a recording; `parts` counts what batches hold, by kind.
+
+    With `by_topic` the kinds are topics, and nothing is a batch.
+    """
 
     messages: int = 0
     kinds: dict[str, KindCount] = field(default_factory=dict)
@@ -70,6 +73,7 @@ class Counts:
     topics: int = 0
     first_wall_ns: int | None = None
     last_wall_ns: int | None = None
+    by_topic: bool = False
     _known: dict[str, _Known] = field(default_factory=dict)
 
     def add(self, topic: str, data: bytes, wall_ns: int) -> None:
@@ -91,9 +95,9 @@ class Counts:
                 counted[name] = counted.get(name, 0) + 1
 
     def _know(self, topic: str) -> _Known:
-        name = kind_in(topic)
+        name = topic if self.by_topic else kind_in(topic)
         kind = self.kinds.setdefault(name, KindCount())
-        known = kind, name in BATCHES
+        known = kind, not self.by_topic and name in BATCHES
         self._known[topic] = known
         self.topics += 1
         return known
@@ -154,8 +158,13 @@ FORMAT = "cubepath-recording-4"
 """The format of runs with rounds: modules say messages in batches, `said` and `reports`."""
 FREE_FORMAT = "cubepath-recording-5"
 """The format of runs without rounds, which have keepers, versions and levels."""
-FORMATS = (FORMAT, FREE_FORMAT)
+KEYS_FORMAT = "cubepath-recording-6"
+"""The format of messages on any keys: log time is when they were received, publish time when they
+were sent, both the wall clock."""
+FORMATS = (FORMAT, FREE_FORMAT, KEYS_FORMAT)
 """The formats that are read."""
+KEYS = "keys"
+"""The parameter with the key expressions that were recorded, separated by spaces."""
 Clock: TypeAlias = Literal["lockstep", "free"]
 METADATA = "cubepath"
 """The name of the metadata record with the parameters."""
@@ -175,8 +184,8 @@ def format_of(parameters: Mapping[str, str]) -> str:
 
 
 def clock_of(written_as: str) -> Clock:
-    """Return the clock of the runs that a format is for."""
-    return "free" if written_as == FREE_FORMAT else "lockstep"
+    """Return the clock of the runs that a format is for; messages on any keys have no rounds."""
+    return "lockstep" if written_as == FORMAT else "free"
 
 
 def has_wall_times(written_as: str, parameters: Mapping[str, str]) -> bool:

@@ -31,6 +31,7 @@ from mcap.records import AttachmentIndex, Channel, Footer, MetadataIndex, Statis
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, readable
+from cubepath.protocol.recordings.plain_messages import PutSettings, settings_in
 
 _WINDOW = 1 << 20
 """Bytes read at a time, and kept for reading on from there."""
@@ -228,6 +229,7 @@ class FileSummary:
     summary_start: int
     offsets: list[int]
     topics: dict[int, str]
+    puts: dict[int, PutSettings]
     blocks: list[ChunkIndex]
     others: list[int]
     """Where attachments and metadata begin, in the order of the file."""
@@ -285,6 +287,7 @@ def _summary(data: bytes, start: int, footer_at: int) -> FileSummary:
     others: list[int] = []
     heads: dict[int, tuple[int, int]] = {}
     topics: dict[int, str] = {}
+    puts: dict[int, PutSettings] = {}
     chunks: list[bytes] = []
     covered = 0
     statistics: Statistics | None = None
@@ -303,6 +306,7 @@ def _summary(data: bytes, start: int, footer_at: int) -> FileSummary:
             case Opcode.CHANNEL:
                 channel = Channel.read(stream)
                 topics[channel.id] = channel.topic
+                note_settings(puts, channel)
             case Opcode.STATISTICS:
                 statistics = Statistics.read(stream)
             case _:
@@ -312,7 +316,16 @@ def _summary(data: bytes, start: int, footer_at: int) -> FileSummary:
     heads |= {each.offset - HEAD.size: (Opcode.CHUNK, each.length) for each in blocks}
     covered += sum(_index_length(body) for body in chunks)
     offsets = sorted([block.offset - HEAD.size for block in blocks] + others)
-    return FileSummary(start, offsets, topics, blocks, sorted(others), heads, covered, statistics)
+    return FileSummary(
+        start, offsets, topics, puts, blocks, sorted(others), heads, covered, statistics
+    )
+
+
+def note_settings(puts: dict[int, PutSettings], channel: Channel) -> None:
+    """Note how the messages of a channel were put, if it states that."""
+    found = settings_in(channel.metadata) if channel.metadata else None
+    if found is not None:
+        puts[channel.id] = found
 
 
 def _records(data: bytes) -> Iterator[tuple[int, bytes]]:

@@ -46,7 +46,8 @@ class Recording:
 
     path: Path
     parameters: Mapping[str, str]
-    scene: Scene
+    stored_scene: Scene | None
+    """None if it is of messages on any keys."""
     records: Sequence[stored_messages.Record]
     problems: tuple[str, ...]
     schedule: bytes | None = None
@@ -56,8 +57,20 @@ class Recording:
     format: str = description.FORMAT
 
     @property
+    def of_keys(self) -> bool:
+        """Return whether it is of messages on any keys, and of no run."""
+        return self.format == description.KEYS_FORMAT
+
+    @property
+    def scene(self) -> Scene:
+        """Return the scene of the run; InputError if it is of no run."""
+        if self.stored_scene is None:
+            raise InputError(f"{self.path}: messages on any keys, expected the recording of a run")
+        return self.stored_scene
+
+    @property
     def clock(self) -> description.Clock:
-        """Return the clock of the run: "lockstep" has rounds, "free" has none."""
+        """Return the clock of the run: "lockstep" has rounds, "free" has none, nor has no run."""
         return description.clock_of(self.format)
 
     def of_kind(self, *kinds: str) -> Iterator[stored_messages.Record]:
@@ -203,14 +216,18 @@ class Recording:
         records = self.records
         return records.sha256() if isinstance(records, stored_messages.StoredRecords) else None
 
+    def received_ns(self, record: stored_messages.Record) -> int:
+        """Return the wall time at which a message was received, in nanoseconds."""
+        return record.round if self.of_keys else record.wall_ns
+
     def counts(self) -> description.Counts:
         """Return how much is in the recording; it is read only if the file does not say so."""
         records = self.records
         if isinstance(records, stored_messages.StoredRecords) and records.counts is not None:
             return records.counts
-        found = description.Counts()
+        found = description.Counts(by_topic=self.of_keys)
         for record in records:
-            found.add(record.topic, record.data, record.wall_ns)
+            found.add(record.topic, record.data, self.received_ns(record))
         return found
 
 
@@ -229,7 +246,8 @@ def read_recording(source: Source) -> Recording:
     found = read(source)
     problems = list(found.problems)
     written_as, parameters = description.parameters_in(found.path, found.salvage, problems)
-    scene = description.scene_in(found.path, found.salvage)
+    of_keys = written_as == description.KEYS_FORMAT
+    scene = None if of_keys else description.scene_in(found.path, found.salvage)
     return Recording(
         found.path,
         parameters,

@@ -28,8 +28,8 @@ class Remains:
     path: Path
     parameters: Mapping[str, str]
     """Empty if they are lost."""
-    scene: Scene | None
-    """None if it is lost."""
+    stored_scene: Scene | None
+    """None if it is lost, or if it is of messages on any keys."""
     records: Sequence[Record]
     problems: tuple[str, ...]
     schedule: bytes | None
@@ -39,16 +39,16 @@ class Remains:
 
     def with_scene(self, scene: Scene) -> Remains:
         """Return the same with a scene, unless it has its own."""
-        return self if self.scene is not None else replace(self, scene=scene)
+        return self if self.stored_scene is not None else replace(self, stored_scene=scene)
 
     def recording(self) -> Recording | None:
         """Return it as a recording; None if the scene is lost."""
-        if self.scene is None:
+        if self.stored_scene is None and self.format != description.KEYS_FORMAT:
             return None
         return Recording(
             self.path,
             self.parameters,
-            self.scene,
+            self.stored_scene,
             self.records,
             self.problems,
             self.schedule,
@@ -74,7 +74,8 @@ def remains_of(source: Source) -> Remains:
         raise InputError(f"{found.path}: nothing to recover: no chunk with messages is whole{why}")
     scene = None
     try:
-        scene = description.scene_in(found.path, found.salvage)
+        if written_as != description.KEYS_FORMAT:
+            scene = description.scene_in(found.path, found.salvage)
     except InputError:
         problems.append("its scene is lost")
     return Remains(

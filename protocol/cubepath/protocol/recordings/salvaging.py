@@ -38,9 +38,11 @@ from cubepath.protocol.recordings.mcap_file import (
     fits,
     found_after,
     kind_in,
+    note_settings,
     plausible,
     shared,
 )
+from cubepath.protocol.recordings.plain_messages import PutSettings
 
 _CHUNK_BYTES_MAX = 1 << 30
 _MESSAGE = struct.Struct("<HIQQ")
@@ -60,13 +62,15 @@ class SalvagedMessage(NamedTuple):
 class Salvage:
     """What was found: `problems` is empty if nothing is missing.
 
-    `topics` maps channels to topics. Messages are those of `blocks` and then the `loose` ones, in
+    `topics` maps channels to topics, and `puts` those of a recording of any keys to how their
+    messages were put. Messages are those of `blocks` and then the `loose` ones, in
     the order of the file; `gap` is the first error in the order of writing, if any.
     """
 
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
+    puts: dict[int, PutSettings] = field(default_factory=dict)
     blocks: list[ChunkIndex] = field(default_factory=list)
     loose: list[SalvagedMessage] = field(default_factory=list)
     messages: int = 0
@@ -110,7 +114,9 @@ def _outlined(stored: StoredBytes, end: FileSummary, statistics: Statistics) -> 
         return None  # something stands outside of what the summary tells of
     if stored.crc(data_end) != crc:
         return None
-    found = Salvage(topics=end.topics, blocks=end.blocks, messages=statistics.message_count)
+    found = Salvage(
+        topics=end.topics, puts=end.puts, blocks=end.blocks, messages=statistics.message_count
+    )
     for offset in end.others:
         opcode, length = HEAD.unpack(stored.read(offset, HEAD.size))
         body = stored.read(offset + HEAD.size, length)
@@ -156,6 +162,7 @@ class _Scan:
         found, end = self.found, self._end
         if end is not None:
             found.topics.update(end.topics)
+            found.puts.update(end.puts)
         offset = self._first()
         if offset is None:
             return
@@ -288,6 +295,7 @@ class _Scan:
     def _name(self, channels: Iterable[Channel]) -> None:
         for channel in channels:
             self.found.topics[channel.id] = channel.topic
+            note_settings(self.found.puts, channel)
 
     def _count(self, messages: Iterable[SalvagedMessage]) -> None:
         found = self.found

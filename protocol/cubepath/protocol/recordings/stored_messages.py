@@ -18,6 +18,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.recordings.description import BATCHES, Clock, Counts
 from cubepath.protocol.recordings.mcap_file import ChunkIndex, StoredBytes, kind_in
+from cubepath.protocol.recordings.plain_messages import PutSettings
 from cubepath.protocol.recordings.salvaging import Salvage, SalvagedMessage, messages_in
 from cubepath.protocol.wire.free_messages import FREE_KINDS, decode_free
 from cubepath.protocol.wire.messages import KINDS, decode
@@ -43,6 +44,8 @@ class Record:
     """The round; without rounds the log time, which is a level or a wall time in nanoseconds."""
     wall_ns: int
     sequence: int
+    put: PutSettings | None = None
+    """How it was put; None if it is a message of a run."""
 
     def __str__(self) -> str:
         """Return which message it is, as error messages have it."""
@@ -106,6 +109,7 @@ class StoredRecords(Sequence[Record]):
         if by_wall:
             self._loose = [each._replace(round=round_in(each)) for each in found.loose]
         self._topics = found.topics
+        self._puts = found.puts
         self.lost = 0
         """The number of messages whose topic is lost."""
         named = found.topics.keys() >= {message.channel for message in found.loose}
@@ -198,12 +202,12 @@ class StoredRecords(Sequence[Record]):
         return self._named(messages)
 
     def _named(self, messages: Iterable[SalvagedMessage]) -> Iterator[Record]:
-        topics = self._topics
+        topics, puts = self._topics, self._puts
         # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
         for channel, sequence, number, wall_ns, data in messages:
             topic = topics.get(channel) or topic_in(data)
             if topic is not None:
-                yield Record(topic, data, number, wall_ns, sequence)
+                yield Record(topic, data, number, wall_ns, sequence, puts.get(channel))
 
 
 _BOTH = ("go", "refused", "edges", "cube", "certificate", "summary")

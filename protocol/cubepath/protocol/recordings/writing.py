@@ -29,6 +29,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings import description
 from cubepath.protocol.recordings.appending import McapAppender
 from cubepath.protocol.recordings.mcap_file import kind_in
+from cubepath.protocol.recordings.plain_messages import PutSettings, key_in
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.on_record import schema_of
 
@@ -47,6 +48,9 @@ _COUNTS_BYTES = 1 << 13
 """More than the counts at the end take."""
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
+
+
+_PUT_PLAINLY = PutSettings()
 
 
 class RecordingFull(CheckError):  # noqa: N818 - named for a state
@@ -88,7 +92,8 @@ class RecordingWriter:
         self._format = written_as or description.format_of(parameters)
         self.path = path = Path(path)
         self.messages = 0
-        self._counts = description.Counts()
+        self._of_keys = self._format == description.KEYS_FORMAT
+        self._counts = description.Counts(by_topic=self._of_keys)
         self._clock = clock
         self._due: float | None = None
         """When what waits to be written must be; None if nothing waits."""
@@ -97,7 +102,7 @@ class RecordingWriter:
         self._scene = None if scene is None else scene_to_toml(scene).encode()
         self._parameters = description.metadata_of(parameters, self._format)
         self._stream = _new_file(path) if stream is None else stream
-        self._channels: dict[str, int] = {}
+        self._channels: dict[tuple[str, PutSettings | None], int] = {}
         self._schemas: dict[str, int] = {}
         self._broken = False
         self._size = 0
@@ -143,13 +148,16 @@ class RecordingWriter:
         round_number: int,
         wall_ns: int,
         sequence: int | None = None,
+        put: PutSettings | None = None,
     ) -> None:
         """Append a message with the bytes that were on the wire, at its log time.
 
         That is `round_number` (without rounds the level, or the wall clock), or `wall_ns` if the
         parameter `log_time` of a run with rounds is "wall". `sequence` is its number in the
-        recording that it is taken from; by default messages are numbered as they come. Raises
-        RecordingFull if the disk is full, or the file was removed, moved or cut.
+        recording that it is taken from; by default messages are numbered as they come. `put` says
+        how a message on any key was put; then `round_number` is when it was received, and `wall_ns`
+        when it was sent. Raises RecordingFull if the disk is full, or the file was removed, moved
+        or cut.
         """
         if self._broken:
             self._guard(self._flush)
@@ -158,32 +166,42 @@ class RecordingWriter:
                 f"{self.path}: message {self.messages} ({topic}) is of round {round_number},"
                 " expected 0 or more, in 64 bits"
             )
-        channel = self._channels.get(topic) or self._channel(topic)
+        put = _PUT_PLAINLY if put is None and self._of_keys else put
+        channel = self._channels.get((topic, put)) or self._channel(topic, put)
         writer = self._writer
         number = self.messages if sequence is None else sequence
         log_time = wall_ns if self._by_wall else round_number
         writer.add_message(channel, number, log_time, wall_ns, data)
         self.messages += 1
-        self._counts.add(topic, data, wall_ns)
+        self._counts.add(topic, data, log_time if self._of_keys else wall_ns)
         if writer.size > CHUNK_BYTES or self._is_due():
             self._guard(self._flush)
 
-    def _channel(self, topic: str) -> int:
+    def _channel(self, topic: str, put: PutSettings | None) -> int:
         if len(self._channels) == TOPICS_MAX:
             raise InputError(
                 f"{self.path}: message {self.messages} ({topic}) is on one more topic than a"
                 f" recording can have, expected {TOPICS_MAX} at most"
             )
-        schema = self._schema(kind_in(topic))
-        found = self._channels[topic] = self._writer.add_channel(topic, "json", schema)
+        if put is None:
+            schema = self._schema(f"cubepath.{kind_in(topic)}", topic)
+            found = self._writer.add_channel(topic, "json", schema)
+        else:
+            plain = topic == key_in(topic)  # neither an attachment nor a deletion
+            schema = self._schema(put.schema, None) if plain and put.schema else 0
+            encoding = put.mcap_encoding if plain else ""
+            found = self._writer.add_channel(topic, encoding, schema, put.to_metadata())
+        self._channels[topic, put] = found
         return found
 
-    def size_with(self, topic: str, size: int) -> int:
-        """Return the most bytes of the file if it ends after one more message of this size."""
-        new = 0 if topic in self._channels else len(topic) + _CHANNEL_BYTES
-        kind = kind_in(topic)
-        if kind not in self._schemas:
-            new += len(msgspec.json.encode(schema_of(kind))) + _CHANNEL_BYTES
+    def size_with(self, record: Record) -> int:
+        """Return the most bytes of the file if it ends after one more message."""
+        topic, put, size = record.topic, record.put, len(record.data)
+        new = 0 if (topic, put) in self._channels else len(topic) + _CHANNEL_BYTES
+        if put is not None:
+            new += 2 * len(put.encoding) + 2 * _CHANNEL_BYTES if new else 0
+        elif f"cubepath.{kind_in(topic)}" not in self._schemas:
+            new += len(msgspec.json.encode(schema_of(kind_in(topic)))) + _CHANNEL_BYTES
         return self._writer.size_with(size + 2 * new) + _COUNTS_BYTES
 
     def _is_due(self) -> bool:
@@ -241,12 +259,14 @@ class RecordingWriter:
                 return
         raise FileNotFoundError(errno.ENOENT, "its file was removed or moved")
 
-    def _schema(self, kind: str) -> int:
-        known = self._schemas.get(kind)
-        if known is None:
-            text = msgspec.json.encode(schema_of(kind))
-            known = self._writer.add_schema(f"cubepath.{kind}", "jsonschema", text)
-            self._schemas[kind] = known
+    def _schema(self, name: str, topic: str | None) -> int:
+        """Return the number of a schema: that of a topic of a run, or one that is a name alone."""
+        known = self._schemas.get(name)
+        if known is None and topic is not None:
+            text = msgspec.json.encode(schema_of(kind_in(topic)))
+            known = self._schemas[name] = self._writer.add_schema(name, "jsonschema", text)
+        elif known is None:
+            known = self._schemas[name] = self._writer.add_schema(name, "", b"")
         return known
 
     def _finish(self) -> None:
@@ -315,7 +335,7 @@ def copy_to(
 ) -> RecordingWriter:
     """Return a writer of a recording of the same run, with other parameters."""
     return RecordingWriter(
-        out, like.scene, notes, like.schedule, stream=stream, written_as=like.format
+        out, like.stored_scene, notes, like.schedule, stream=stream, written_as=like.format
     )
 
 
@@ -328,6 +348,7 @@ def append(writer: RecordingWriter, records: Iterable[Record]) -> None:
             round_number=record.round,
             wall_ns=record.wall_ns,
             sequence=record.sequence,
+            put=record.put,
         )
 
 

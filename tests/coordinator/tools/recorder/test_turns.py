@@ -9,7 +9,8 @@ import msgspec
 import pytest
 
 from cubepath.coordinator.runs.launch import start
-from cubepath.coordinator.tools.recorder.losses import Head, ReceivedMessage
+from cubepath.coordinator.tools.recorder.backlog import ReceivedMessage
+from cubepath.coordinator.tools.recorder.losses import Head
 from cubepath.coordinator.tools.recorder.turns import MessageOrder, OrderedMessage
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.protocol.recordings.recording import Recording, read_recording

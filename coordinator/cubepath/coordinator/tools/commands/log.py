@@ -252,10 +252,16 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
         "--connect",
         required=True,
         metavar="ENDPOINT",
-        help="where the run can be listened to: as it says itself, or that of its router; of linked"
-        " routers, all to try, separated by commas",
+        help="where the run, or your router, can be listened to: as a run says itself, or as"
+        " tcp/HOST:PORT; of linked routers, all to try, separated by commas",
     )
     record.add_argument("--run", metavar="RUN", help="which run, if there are several")
+    record.add_argument(
+        "--keys",
+        metavar="KEYS",
+        help="no run: the messages of any zenoh programs on these keys, a key expression such as"
+        " 'robot/**', until interrupted",
+    )
     files.add_out(record, "LOG.mcap", "recording to write (default: a new file in logs/)")
     add_topics(record)
     record.add_argument(
@@ -317,6 +323,7 @@ def _record(options: argparse.Namespace) -> int:
             options.connect,
             options.out,
             run=options.run,
+            keys=options.keys,
             topics=options.topics,
             exclude=options.exclude,
             split_megabytes=options.size,
@@ -329,7 +336,7 @@ def _record(options: argparse.Namespace) -> int:
         ) as recorder,
     ):
         recorders.append(recorder)
-        console.complain(f"recording run {recorder.run}")
+        console.complain(f"recording {options.keys or f'run {recorder.run}'}")
         typed = options.snapshot is not None and sys.stdin is not None and sys.stdin.isatty()
         try:
             _wait(recorder, options.timeout, typed=typed)
@@ -366,7 +373,7 @@ def _signalled(handler: Callable[[int, FrameType | None], object]) -> Generator[
 
 def _document(recorder: Recorder) -> dict[str, object]:
     return {
-        "run": recorder.run,
+        **({"run": recorder.run} if recorder.run else {}),
         "logs": [str(path) for path in recorder.logs],
         "messages": recorder.messages,
         "ended": recorder.ended,
@@ -379,7 +386,7 @@ def _rows(recorder: Recorder) -> list[tuple[str, object]]:
     lost = recorder.lost
     losses = ", ".join(f"{count} of {each}" for each, count in lost.items())
     return [
-        ("run", recorder.run),
+        *([("run", recorder.run)] if recorder.run else []),
         ("messages", recorder.messages),
         ("ended", recorder.ended),
         ("lost", losses or "none detected"),

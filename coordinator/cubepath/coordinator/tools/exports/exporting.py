@@ -158,13 +158,15 @@ def _messages(recording: Recording, wanted: RowSelection) -> Iterator[Rows]:
 
 
 def _message(recording: Recording, record: Record) -> tuple[Any, ...]:
-    kind, _, sender = record.topic.partition("/")
+    kind, sender = record.topic, ""
+    if not recording.of_keys:
+        kind, _, sender = record.topic.partition("/")
     data = record.data
     where = f"{recording.path}: message {record.sequence} ({record.topic})"
     if record.round >= 1 << 63 or record.wall_ns >= 1 << 63:
         raise InputError(f"{where}: a time of 64 bits, expected less than 2^63")
     try:
-        text = data.decode()
+        text = data.decode(errors="backslashreplace" if recording.of_keys else "strict")
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: not UTF-8 text (byte {error.start})") from None
     return record.round, record.wall_ns, record.sequence, kind, sender, len(data), text
@@ -398,6 +400,11 @@ def export(
     wanted = RowSelection(
         table, cutting.MessageSelection(tuple(topics), tuple(exclude), first, until), tuple(kinds)
     )
+    if recording.of_keys and (table != "messages" or named in (*VIEWERS, "moves")):
+        raise InputError(
+            f"{recording.path}: messages on any keys, expected --table messages as a table, or the"
+            " recording of a run"
+        )
     cutting.check_topics(recording, wanted.selection)
     if named in VIEWERS:
         times = viewers.times_of(recording, log_time, round_seconds)

@@ -10,12 +10,12 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from cubepath.coordinator.runs.asking import RunInfo
-from cubepath.coordinator.tools.recorder.losses import RecordedMessage
+from cubepath.coordinator.tools.recorder.backlog import RecordedMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.cutting import MessageSelection
-from cubepath.protocol.recordings.description import ATTACHED, PART
+from cubepath.protocol.recordings.description import ATTACHED, KEYS_FORMAT, PART
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.free_messages import FREE_KINDS
@@ -111,7 +111,9 @@ class RecordingParts:
         self._notes = notes
         self._parameters = parameters
         self._clock = clock
-        self._scene: Scene = scene_from_toml(about.scene, f"run {about.run} (scene)")
+        self._scene: Scene | None = None
+        if about.format != KEYS_FORMAT:
+            self._scene = scene_from_toml(about.scene, f"run {about.run} (scene)")
         self._writer: RecordingWriter | None = None
         self._until = 0.0
         first = self._next()
@@ -131,7 +133,10 @@ class RecordingParts:
             writer = None
         if writer is None:
             writer = self._begin(message.begins)
-        writer.write(message.topic, message.data, round_number=message.at, wall_ns=message.wall_ns)
+        sent_ns = message.wall_ns if message.sent_ns is None else message.sent_ns
+        writer.write(
+            message.topic, message.data, round_number=message.at, wall_ns=sent_ns, put=message.put
+        )
         self.messages += 1
 
     def _is_full(self, writer: RecordingWriter, *, round_begins: bool) -> bool:
@@ -145,7 +150,9 @@ class RecordingParts:
 
     def _begin(self, begins: int) -> RecordingWriter:
         path = self._next()
-        parameters = {**self._about.parameters, **self._parameters, ATTACHED: str(begins)}
+        parameters = {**self._about.parameters, **self._parameters}
+        if self._scene is not None:
+            parameters[ATTACHED] = str(begins)
         if self._splitting:
             parameters[PART] = str(len(self.paths))
         schedule = self._about.schedule

@@ -20,19 +20,20 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import RunInfo, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
-from cubepath.coordinator.tools.recorder.losses import (
+from cubepath.coordinator.tools.recorder.any_keys import KeyTopics, about_keys, stored_messages
+from cubepath.coordinator.tools.recorder.backlog import (
     Backlog,
-    LossCounter,
     ReceivedMessage,
     RecentMessages,
     RecordedMessage,
 )
+from cubepath.coordinator.tools.recorder.losses import LossCounter
 from cubepath.coordinator.tools.recorder.parts import RecordingParts, SplitLimits, Topics, numbered
 from cubepath.coordinator.tools.recorder.turns import MessageOrder, MessageTimes, OrderedMessage
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.options import seconds
-from cubepath.protocol.recordings.description import FREE_FORMAT
+from cubepath.protocol.recordings.description import FORMAT, KEYS
 from cubepath.protocol.wire.credentials import GUEST, Credentials, has_ended, is_private
 from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.router import check_secure
@@ -68,6 +69,8 @@ _QUIET_S = 0.3
 """A run that has summed up and whose token has gone has ended when nothing comes for this long."""
 _WRITE_S_MAX = 10.0
 _MEGABYTE = 1_000_000
+_OF_KEYS = "keys"
+"""Stands for the run in keys where there is none."""
 
 
 class Recorder:
@@ -91,6 +94,7 @@ class Recorder:
         log: Path | str | None = None,
         *,
         run: str | None = None,
+        keys: str | None = None,
         topics: Sequence[str] = (),
         exclude: Sequence[str] = (),
         split_megabytes: float | None = None,
@@ -104,13 +108,15 @@ class Recorder:
         """Attach to a live run, and record it from now on.
 
         `endpoint` is where the run can be listened to (`Run.endpoint`; of linked routers all to
-        try, separated by commas), `run` its name where there are several. The file `log` (None: a
+        try, separated by commas), `run` its name where there are several. With `keys`, a key
+        expression such as ``robot/**``, the messages of any zenoh programs are recorded instead,
+        until the recorder is stopped or the router is gone. The file `log` (None: a
         new one in ``logs/``) has the bytes that were on the wire. `topics` and `exclude` are globs
-        over KIND/SENDER. With `split_megabytes` (10**6 bytes) or `split_seconds` there are files
-        NAME-000.mcap and so on. With `snapshot_seconds` nothing is written but the last seconds,
-        when `snapshot` asks for them. This many megabytes wait to be written, or are kept, at most.
-        `secure` is a folder with the certificate of `guest`. A run or router that is gone is waited
-        for for `patience_s` seconds.
+        over KIND/SENDER, or over keys. With `split_megabytes` (10**6 bytes) or `split_seconds`
+        there are files NAME-000.mcap and so on. With `snapshot_seconds` nothing is written but the
+        last seconds, when `snapshot` asks for them. This many megabytes wait to be written, or are
+        kept, at most. `secure` is a folder with the certificate of `guest`. A run or router that is
+        gone is waited for for `patience_s` seconds.
 
         InputError for bad options, CheckError if no run answers within `patience_s`, CubepathError
         if there is no router at the endpoint.
@@ -137,7 +143,10 @@ class Recorder:
         """How many messages came that are none of a run."""
         self.left_out = 0
         """How many messages came that are of no topic that was asked for."""
-        self._topics = Topics(topics, exclude)
+        self._keys = None if keys is None else about_keys(keys)
+        if keys is not None and run is not None:
+            raise InputError(f"run={run}: not with keys={keys}, which are of no run")
+        self._topics = Topics(topics, exclude) if keys is None else KeyTopics(topics, exclude)
         self._memory_bytes = int(memory_megabytes * _MEGABYTE)
         self._asked: queue.SimpleQueue[zenoh.Query | None] = queue.SimpleQueue()
         self._snapshots: list[Path] = []
@@ -169,7 +178,9 @@ class Recorder:
     def _attach(
         self, run: str | None, log: Path | str | None, splitting: SplitLimits, patience_s: float
     ) -> None:
-        self.run = find_run(self._session, self.endpoint, run, patience_s).run
+        self.run = ""
+        if self._keys is None:
+            self.run = find_run(self._session, self.endpoint, run, patience_s).run
         self._alive: bool | None = None
         self._gone_s = self._heard_s = 0.0
         self._router = routers_of(self._session)
@@ -177,10 +188,11 @@ class Recorder:
         self._listen()
         # The router knows who listens before it answers what was asked after that: from the
         # round that is returned on, nothing is missed.
-        about = self.about = find_run(self._session, self.endpoint, self.run, patience_s)
+        about = self._keys or find_run(self._session, self.endpoint, self.run, patience_s)
+        self.about = about
         self._times = MessageTimes(about)
-        free = about.format == FREE_FORMAT
-        self._losses = LossCounter(free=free)
+        free = about.format != FORMAT
+        self._losses = LossCounter(free=None if self._keys else free)
         self._turns = MessageOrder(None if free else _processes(about), from_start=not about.round)
         self._path = _new_name(about) if log is None else Path(log)
         self._parts = RecordingParts(about, self._path, splitting, self._notes, self._given)
@@ -190,12 +202,18 @@ class Recorder:
         self._links = session.info.declare_transport_events_listener(
             zenoh.handlers.Callback(self._linked, indirect=False)
         )
-        self._token = watch(session, about_key(run), self._tell_alive)
-        self._backlog = Backlog(session, everything(run), self._memory_bytes)
+        if self._keys is None:
+            self._token = watch(session, about_key(run), self._tell_alive)
+            self._backlog = Backlog(session, everything(run), self._memory_bytes)
+        else:
+            keys = self._keys.parameters[KEYS]
+            self._backlog = Backlog(session, keys, self._memory_bytes, of_run=False)
+            # When this is answered, the router knows who listens.
+            list(session.liveliness().get(about_key(_OF_KEYS)))
         if self._window is not None:
             name = secrets.token_hex(4)
             self._queryable = session.declare_queryable(
-                f"cubepath/{run}/recorder/{name}/snapshot",
+                f"cubepath/{run or _OF_KEYS}/recorder/{name}/snapshot",
                 zenoh.handlers.Callback(self._asked.put, indirect=False),
             )
 
@@ -257,6 +275,11 @@ class Recorder:
     def _write(self, item: OrderedMessage) -> None:
         """Write a message if it is wanted, or keep it for a snapshot."""
         topic, heard, head, wanted = item
+        if heard.plain is not None:
+            for message in stored_messages(topic, heard) if wanted else ():
+                self._keep(message)
+            self.left_out += not wanted
+            return
         kind = topic.partition("/")[0]
         self._summed_up = self._summed_up or kind == "summary"
         at, begins, round_begins = self._times.of(kind, heard, head)
@@ -270,11 +293,14 @@ class Recorder:
             return
         begins = self._whole if self._begins else begins
         message = RecordedMessage(topic, heard.data, at, heard.wall_ns, begins)
+        self._keep(message, round_begins=self._begins)
+        self._begins = False
+
+    def _keep(self, message: RecordedMessage, *, round_begins: bool = True) -> None:
         if self._window is not None:
             self._window.put(message)
         else:
-            self._parts.write(message, round_begins=self._begins)
-        self._begins = False
+            self._parts.write(message, round_begins=round_begins)
 
     def _end(self) -> str | None:
         """Return why the recorder has to end, None if it continues."""
@@ -430,6 +456,6 @@ def _processes(about: RunInfo) -> int:
 
 
 def _new_name(about: RunInfo) -> Path:
-    family = name_part(about.parameters.get("family", "")) or "run"
+    family = name_part(about.parameters.get("family", "")) or ("run" if about.run else "messages")
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
     return Path("logs") / f"{family}-attached-{now}.mcap"

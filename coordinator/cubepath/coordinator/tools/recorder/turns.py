@@ -15,7 +15,8 @@ from hashlib import blake2b
 from typing import NamedTuple, TypeAlias
 
 from cubepath.coordinator.runs.asking import RunInfo
-from cubepath.coordinator.tools.recorder.losses import Head, ReceivedMessage
+from cubepath.coordinator.tools.recorder.backlog import ReceivedMessage
+from cubepath.coordinator.tools.recorder.losses import Head
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.wire.free_messages import decode_free, level_of

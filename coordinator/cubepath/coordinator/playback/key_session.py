@@ -1,0 +1,113 @@
+"""A replay of messages on any keys: nothing is gathered, and each is put as it was put then."""
+
+import time
+from typing import Any
+
+import zenoh
+
+from cubepath.coordinator.playback.machine import PendingOrder, Why
+from cubepath.coordinator.playback.replay_comparison import ReplayResult
+from cubepath.coordinator.playback.replay_session import PlayOptions, ReplaySession
+from cubepath.coordinator.playback.selection import StateAt
+from cubepath.coordinator.playback.timeline import Cursor, read_spot
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.description import KEYS
+from cubepath.protocol.recordings.plain_messages import ATTACHMENT, DELETE, PutSettings, key_in
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.stored_messages import Record
+
+_NO_ROUNDS = "messages on any keys have no rounds"
+_NOWHERE = StateAt(0, (), frozenset())
+
+
+class KeyReplaySession(ReplaySession):
+    """A replay: a session that puts, at a router of its own or at one that is there."""
+
+    def _prepare(self) -> None:
+        """Prepare nothing."""
+
+    def _offer(self) -> None:
+        """Offer nothing: it is no run."""
+
+    def _listen(self) -> Any:
+        return lambda: None
+
+    def _waited_for(self) -> list[str]:
+        named = self.recording.parameters.get(KEYS, "**").split()
+        return [*named, *(f"{new.lstrip('/')}/**" for _, new in self._keys.remap)]
+
+    def _put(self, record: Record, key: str, mark: Cursor) -> None:
+        put = record.put or PutSettings()
+        given: Any = {
+            # Whoever dropped then did so on another network: here the player waits.
+            "congestion_control": zenoh.CongestionControl.BLOCK,
+            "priority": getattr(zenoh.Priority, put.priority.upper()),
+            "express": put.express,
+            "attachment": self._attachment(record, mark),
+        }
+        if record.topic.endswith(DELETE):
+            self._mouth.delete(key, **given)
+        else:
+            self._mouth.put(key, record.data, encoding=put.encoding, **given)
+        self._arrived += 1
+        if self._progress is not None:
+            self._progress(1)
+
+    def _attachment(self, record: Record, mark: Cursor) -> bytes | None:
+        """Return the attachment of a message, which stands right before it."""
+        _, before = next(self.reel.backward(mark), (mark, None))
+        if before is None or before.topic != key_in(record.topic) + ATTACHMENT:
+            return None
+        return before.data
+
+    def _jumped(self, why: Why) -> None:
+        self._cover()
+        self._tell_position(why, _NOWHERE)
+
+    def _obey(self, asked: PendingOrder) -> None:
+        order = asked.order
+        if order.unit == "round" or (order.to and read_spot(order.to).seconds is None):
+            asked.refuse(f"{order.name}: {_NO_ROUNDS}, expected messages, or a time such as 3.5s")
+        else:
+            super()._obey(asked)
+
+    def result(self) -> ReplayResult:
+        """Return how many messages were put; there is nothing to compare them with."""
+        left_out = {
+            topic: count.messages
+            for topic, count in sorted(self.recording.counts().kinds.items())
+            if not self._selection.takes_topic(topic)
+        }
+        return ReplayResult(
+            log=str(self.recording.path),
+            run=self.run,
+            endpoint=self.endpoint,
+            rounds=0,
+            moves=0,
+            reduced_moves=0,
+            cubes=0,
+            max_cube_dimension=0,
+            path_digest="",
+            same=False,
+            compared=False,
+            complete=not self.recording.problems,
+            differences=(),
+            messages=self._arrived,
+            seconds=round(time.monotonic() - self._began, 3),
+            not_compared=("messages on any keys",),
+            left_out=left_out,
+            problems=self.recording.problems,
+            clock="free",
+        )
+
+
+def session_of(recording: Recording, options: PlayOptions) -> ReplaySession:
+    """Return a replay of a recording; InputError for a wrong option. Nothing is opened yet."""
+    if not recording.of_keys:
+        return ReplaySession(recording, **options)
+    for name in ("begin", "until"):
+        spot = options.get(name)
+        if spot is not None and read_spot(spot, name).seconds is None:  # type: ignore[arg-type]
+            named = {"begin": "from"}.get(name, name)
+            raise InputError(f"{named}={spot}: {_NO_ROUNDS}, expected a time such as 3.5s")
+    return KeyReplaySession(recording, **options)
