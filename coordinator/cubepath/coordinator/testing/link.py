@@ -121,7 +121,7 @@ class ProxyDirection:
             return
         if waiting > WAITING_MAX / 2 or inside > WAITING_BYTES_MAX / 2:
             time.sleep(_BRAKE_S)
-        size = len(sample.payload)
+        size = len(sample.payload) + len(sample.attachment or b"")
         self._bytes_in += size
         self._queue.put(_Put(str(sample.key_expr), sample, size))
 

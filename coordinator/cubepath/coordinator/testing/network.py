@@ -72,14 +72,13 @@ class NetworkUnderTest(ProcessFaults):
     ...     network.until("robot/arm/done")
     """
 
-    def __init__(self, *, timeout_s: float = 30.0, env: Mapping[str, str] | None = None) -> None:
-        """Plan it; `timeout_s` is how long things are awaited, `env` is for all processes."""
+    def __init__(self, *, timeout_s: float = 30.0) -> None:
+        """Plan it; `timeout_s` is how long things are awaited."""
         super().__init__(links=True)
         self.timeout_s = seconds("timeout_s", timeout_s)
         self.commands: dict[str, Command] = {}
         self.log = MessageLog(self.links.keys())
         """All messages so far."""
-        self._env = dict(env or {})
         self._lines: dict[str, Callable[[], Command]] = {}
         self._everywhere: list[Rule] = []
         self._router: Router | None = None
@@ -146,8 +145,7 @@ class NetworkUnderTest(ProcessFaults):
         endpoint = self.endpoint(name)
         if name in self.commands and self.commands[name].returncode is None:
             raise InputError(f"{name}: runs already, expected another name, or restart({name!r})")
-        own = {**self._env, **(env or {})}
-        self._lines[name] = lambda: Command(command, name=name, env=own, cwd=cwd, endpoint=endpoint)
+        self._lines[name] = lambda: Command(command, name=name, env=env, cwd=cwd, endpoint=endpoint)
         found = self._launch(name)
         if listens:
             link = self.links[name]

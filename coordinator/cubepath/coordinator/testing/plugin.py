@@ -251,8 +251,8 @@ def cubepath_network(request: pytest.FixtureRequest) -> Iterator[NetworkUnderTes
     """
     from cubepath.coordinator.testing.network import NetworkUnderTest  # noqa: PLC0415 - as above
 
-    given: dict[str, Any] = {"timeout_s": _timeout_s(request.config)} | _marked(request)
-    found = NetworkUnderTest(**given)
+    timeout_s = _marked(request).get("timeout_s", _timeout_s(request.config))
+    found = NetworkUnderTest(timeout_s=timeout_s)
     _tell(request, found)
     with found:
         yield found
