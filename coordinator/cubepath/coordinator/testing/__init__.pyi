@@ -10,6 +10,11 @@ from cubepath.coordinator.testing.log import (
     ExecutedMove as ExecutedMove,
     RunLog as RunLog,
 )
+from cubepath.coordinator.testing.properties import (
+    always as always,
+    reached as reached,
+    sometimes as sometimes,
+)
 from cubepath.coordinator.testing.replaying import Listener as Listener
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule
 from cubepath.coordinator.testing.run_under_test import RunUnderTest as RunUnderTest
