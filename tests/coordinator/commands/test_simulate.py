@@ -128,3 +128,31 @@ def test_an_interrupt_ends_with_what_was_found(tmp_path: Path, number: signal.Si
     document = json.loads(out)
     assert 0 < document["seeds"] < 1_000_000
     assert document["failures"] == 0
+
+
+SOMETIMES = """
+from cubepath.agents.rules.rule import RuleType
+from cubepath.coordinator.testing import sometimes
+
+def make(knowledge):
+    def act(view):
+        sometimes(view.mask.sum() > 1, "a module may move")
+        sometimes(view.mask.sum() > 99, "a module may go anywhere")
+        return 0
+    return act
+
+MINE = RuleType("mine", "stays", "none", lambda system: True, make)
+"""
+
+
+def test_what_no_seed_has_met_is_told(tmp_path: Path) -> None:
+    """A line each with where the rule asks for it, and exit code 1; also in the document."""
+    rule = tmp_path / "mine.py"
+    rule.write_text(SOMETIMES)
+    options = ("--seeds", "1", "--system", "agv:graph=K3,n=2", "--rule", f"{rule}:MINE")
+    done = here("simulate", *options, "--json")
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"cubepath: {rule}:8: 'a module may go anywhere' was false in ")
+    document = json.loads(done.stdout)
+    assert document["failures"] == 0
+    assert done.stderr == f"cubepath: {document['never_met'][0]}\n"

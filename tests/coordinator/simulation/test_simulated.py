@@ -10,11 +10,12 @@ from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, ListedFaults
+from cubepath.coordinator.simulation.faults import ENDING, KINDS, SECOND_US, Fault, ListedFaults
 from cubepath.coordinator.simulation.network import Trace
-from cubepath.coordinator.simulation.scenarios import Scenario
+from cubepath.coordinator.simulation.scenarios import Scenario, ScenarioOptions
 from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, simulate
 from cubepath.coordinator.simulation.swarm import LockstepSwarm
+from cubepath.coordinator.testing.properties import always, sometimes
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
@@ -121,6 +122,17 @@ def test_some_seeds_hold() -> None:
     outcomes = Counter(LockstepSwarm().run_of(seed).outcome for seed in range(6))
     assert not outcomes["failure"]
     assert outcomes["goal"] + outcomes["max-rounds"] >= 4
+
+
+@pytest.mark.parametrize("fifteenth", range(4))
+def test_a_run_ends_in_each_way_in_some_seed(fifteenth: int) -> None:
+    """All together: in the usual ways, and by each fault that may end it."""
+    vehicles = LockstepSwarm(ScenarioOptions("agv", "random", 3))
+    for seed in range(15 * fifteenth, 15 * fifteenth + 15):
+        outcome = vehicles.run_of(seed).outcome
+        always(outcome != "failure", f"seed {seed} holds")
+        for end in ("goal", "max-rounds", *ENDING):
+            sometimes(outcome == end, f"a simulated run ends: {end}")
 
 
 @pytest.mark.nightly

@@ -5,9 +5,10 @@ which arrives some time after the node asked for it; that is enough to know when
 """
 
 from collections.abc import Iterable, Sequence
+from typing import get_args
 
 from cubepath.agents.free.config import HALT_S, FreeProcessConfig
-from cubepath.agents.free.mover import Mover, paces
+from cubepath.agents.free.mover import Mover, State, paces
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import scheduled
@@ -87,6 +88,12 @@ class FreeHostNode(BatchNode):
         self._needs: dict[int, frozenset[str]] = {}
         """The tiles that each module needs."""
         self._due: dict[int, None] = dict.fromkeys(self.movers)
+
+    @property
+    def state(self) -> State:
+        """Return the state of its modules that is last in the order of `State`."""
+        states = {mover.state for mover in self.movers.values()}
+        return next(state for state in reversed(get_args(State)) if state in states)
 
     def start(self) -> list[Effect]:
         """Listen, and let every module enter."""

@@ -221,6 +221,13 @@ class Keeper:
         """Return whether anything is due at some time."""
         return bool(self._prepared or self._unsettled or self._owed)
 
+    @property
+    def state(self) -> str:
+        """Return what it has to do: with attempts, else with their results, or ``idle``."""
+        if self._waiting or self._prepared:
+            return "waiting" if self._waiting else "prepared"
+        return "settling" if self.busy else "idle"
+
     def outgoing(self) -> list[FreeMessage]:
         """Return the outgoing parts since the last call."""
         out, self._out = self._out, _Out()

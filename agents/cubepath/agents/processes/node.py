@@ -93,6 +93,11 @@ class HostNode:
             self._there[place] = core
             self._within.setdefault(self._system.region(place), {})[place] = core
 
+    @property
+    def state(self) -> str:
+        """Return its phase, or ``waiting`` if the next one lacks messages of others."""
+        return self._phase if self._pending is None else "waiting"
+
     def start(self) -> list[Effect]:
         """Listen, and announce the process until it is told to begin."""
         config = self._config

@@ -7,11 +7,12 @@ import contextlib
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.files import add_out, check_files
 from cubepath.coordinator.commands.usage import whole
+from cubepath.coordinator.testing.properties import apart, unmet
 from cubepath.protocol.core.output_files import check_output_folder
 from cubepath.protocol.core.ranges import seeds_of
 
@@ -70,7 +71,7 @@ def _simulate(options: argparse.Namespace) -> int:
     check(asked)
     check_output_folder(options.out)
     tally, began, interrupted = SeedTally(simulator_of(asked)), time.monotonic(), False
-    with console.progress_bar(len(seeds), "simulate", " seeds") as bar:
+    with console.progress_bar(len(seeds), "simulate", " seeds") as bar, apart():
 
         def failing(seed: int) -> None:
             bar.set_postfix_str(f"shrinking seed {seed}")
@@ -90,12 +91,15 @@ def _simulate(options: argparse.Namespace) -> int:
                         break
         except KeyboardInterrupt:
             interrupted = True
-    document = tally.document(time.monotonic() - began)
-    console.answer(options, document, _table(tally, document["seconds"]))
+        never = unmet()
+    document = {**tally.document(time.monotonic() - began), "never_met": never}
+    for line in never:
+        console.complain(line)
+    console.answer(options, document, _table(tally, document))
     if interrupted:
         console.complain("interrupted")
         return console.INTERRUPTED
-    return console.FAILED if tally.outcomes["failure"] else console.DONE
+    return console.FAILED if tally.outcomes["failure"] or never else console.DONE
 
 
 def _state(tally: SeedTally) -> str:
@@ -110,8 +114,7 @@ def _tell(kept: KeptRun) -> None:
     )
 
 
-def _table(tally: SeedTally, seconds: float) -> str:
-    faults = ", ".join(f"{count} {kind}" for kind, count in tally.faults.items() if count)
+def _table(tally: SeedTally, document: dict[str, Any]) -> str:
     outcomes = tally.outcomes
     rows: list[tuple[str, object]] = [
         ("seeds", tally.seeds),
@@ -132,7 +135,12 @@ def _table(tally: SeedTally, seconds: float) -> str:
             *rows,
             (tally.simulator.unit, tally.long),
             ("steps", tally.steps),
-            ("faults", faults or "none"),
-            ("time", f"{seconds:.2f} s, {tally.virtual_seconds:.0f} s of virtual time"),
+            ("faults", tally.met.total()),
+            ("time", f"{document['seconds']:.2f} s, {tally.virtual_seconds:.0f} s of virtual time"),
+            ("faults in", "".join(f"{state:>10}" for state in tally.simulator.states)),
+            *(
+                (kind, "".join(f"{count or '-':>10}" for count in counts.values()))
+                for kind, counts in document["states"].items()
+            ),
         ]
     )

@@ -11,7 +11,7 @@ was being written. The oracle receives every record once it is sure to stay.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Literal
@@ -24,7 +24,7 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, Fault, Faults
+from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US, STARTS, Fault, Faults
 from cubepath.coordinator.simulation.free_oracle import Oracle, OracleError
 from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import FreeScenario
@@ -155,6 +155,7 @@ class Watch:
 MakeKeeper = Callable[[int, Scene, Tiles, Journal], Keeper]
 """Makes a keeper; tests give some with a bug in them."""
 
+KEEPER_STATES = ("idle", "settling", "prepared", "waiting")
 MORE_MOVES = 20
 """This many moves a run without a goal must have after its faults."""
 _STEPS_MAX = 400_000
@@ -175,6 +176,8 @@ class FreeSimulatedRun:
 
     scenario: FreeScenario
     fired: tuple[Fault, ...]
+    met: Mapping[tuple[str, str], int]
+    """By kind, and state of the process struck (the busiest keeper's, for the router), how many."""
     moves: int
     failure: Failure | None
     steps: int
@@ -222,6 +225,7 @@ def free_simulate(
     return FreeSimulatedRun(
         scenario=scenario,
         fired=tuple(network.fired),
+        met=network.met,
         moves=run.oracle.state.moves,
         failure=failure,
         steps=network.steps,
@@ -262,6 +266,7 @@ class _Run:
             trace,
             scenario.hosts,
         )
+        self.network.state_of = self._state_of
         self._modules_of = dealt(self.scene, scenario.processes)
         self._incarnations = [0] * scenario.processes
         self._keepers: dict[str, KeeperNode] = {}
@@ -286,10 +291,10 @@ class _Run:
             network.add(name, partial(self._keeper, keeper, name), tear=self._journals[keeper].tear)
         for process, name in enumerate(process_names(self.scenario)):
             late = faults.at(name + STARTS, 0)
-            if late is not None:
-                network.fired.append(late)
             start_us = 0 if late is None else late.amount_us
             network.add(name, partial(self._host, process, name), start_us)
+            if late is not None:
+                network.fire(late)
 
     def _keeper(self, keeper: int, name: str) -> Node:
         journal = self._journals[keeper]
@@ -343,6 +348,13 @@ class _Run:
         if error is not None:
             raise OracleError("ended", f"process {process} ended: {error}")
         return []
+
+    def _state_of(self, fault: Fault) -> str:
+        name = fault.where.partition(" ")[0]
+        if name in self._hosts:
+            return self._hosts[name].state
+        found = [node.keeper.state for own, node in self._keepers.items() if name in (own, ROUTER)]
+        return max(found, key=KEEPER_STATES.index, default="gathering")
 
     # What is watched.
 

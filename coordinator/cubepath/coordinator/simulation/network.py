@@ -163,6 +163,9 @@ class SimulatedNetwork:
         self.now_us = 0
         self.steps = 0
         self.fired: list[Fault] = []
+        self.met = Counter[tuple[str, str]]()
+        """By kind and state of what they struck, by `state_of`, how many faults there were."""
+        self.state_of: Callable[[Fault], str] = lambda _: ""
         self.ended: CubepathError | None = None
         """The error with which the first process ended, if it did."""
         self._over = False
@@ -192,11 +195,6 @@ class SimulatedNetwork:
         self._one_way = False
         self._through: Through | None = None
         self._after: Callable[[], None] | None = None
-
-    @property
-    def counts(self) -> Counter[str]:
-        """Return by kind how many faults have happened."""
-        return Counter(fault.kind for fault in self.fired)
 
     def add(
         self, name: str, make: Callable[[], Node], start_us: int = 0, *, tear: Tear | None = None
@@ -238,9 +236,14 @@ class SimulatedNetwork:
         """Let everything that is put go through a function, and call another after each event."""
         self._through, self._after = through, after
 
+    def fire(self, fault: Fault) -> None:
+        """Note that a fault comes to pass."""
+        self.fired.append(fault)
+        self.met[fault.kind, self.state_of(fault)] += 1
+
     def lied(self, name: str, fault: Fault) -> None:
         """Note that a process has told a lie."""
-        self.fired.append(fault)
+        self.fire(fault)
         self._remark(name, fault.kind.replace("-", "s: ", 1))
 
     def stop(self) -> None:
@@ -409,7 +412,7 @@ class SimulatedNetwork:
         if fault.kind not in STANDING:
             self._kill(process, fault)
             return True
-        self.fired.append(fault)
+        self.fire(fault)
         if fault.kind == "jump":
             self._span(process.name, fault, 0)
             self._set_timer(process, 0.0)
@@ -442,7 +445,7 @@ class SimulatedNetwork:
 
     def _kill(self, process: SimulatedProcess, fault: Fault) -> None:
         """End a process; if the fault takes time, another one takes its place after that."""
-        self.fired.append(fault)
+        self.fire(fault)
         self._end_for(process, fault)
 
     def _end_for(self, process: SimulatedProcess, fault: Fault) -> None:
@@ -580,7 +583,7 @@ class SimulatedNetwork:
         fault = None if process.replaced else self._faults(where, nth)
         kind = "" if fault is None else fault.kind
         if kind == "drag" and fault is not None:
-            self.fired.append(fault)
+            self.fire(fault)
             process.drags[link] = (SLOW_MESSAGES, fault.amount_us)
         if process.drags:
             left, slow_us = process.drags.get(link, (0, 0))
@@ -591,7 +594,7 @@ class SimulatedNetwork:
             arrival = max(from_us + HOP_US + noise, last)
             process.links[link] = (nth + 1, arrival)
             return [(arrival, "arrived")]
-        self.fired.append(fault)
+        self.fire(fault)
         held = fault.amount_us if kind == "delay" else 0
         arrival = max(from_us + HOP_US + noise + held, last)
         if kind == "reorder":  # those behind it do not wait
@@ -622,7 +625,7 @@ class SimulatedNetwork:
         fault = self._faults(ROUTER, self._routed)
         self._routed += 1
         if fault is not None:
-            self.fired.append(fault)
+            self.fire(fault)
             self._span(ROUTER, fault, fault.amount_us)
             if fault.kind in ("partition", "one-way"):
                 self._part(fault)

@@ -8,7 +8,7 @@ and conductor do in a run over zenoh.
 
 import re
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -142,6 +142,8 @@ class SimulatedRun:
 
     scenario: Scenario
     fired: tuple[Fault, ...]
+    met: Mapping[tuple[str, str], int]
+    """By kind, and phase of the process struck (the coordinator's, for the router), how many."""
     ending: RunEnd | None
     rounds: int
     failure: Failure | None
@@ -197,6 +199,7 @@ def simulate(
     return SimulatedRun(
         scenario=scenario,
         fired=tuple(network.fired),
+        met=network.met,
         ending=run.ending,
         rounds=run.conductor.gatherer.rounds,
         failure=failure,
@@ -222,6 +225,8 @@ class _Run:
         self.rule = rule_named(scenario.rule, self.scene.system)
         self.ending: RunEnd | None = None
         self.network = SimulatedNetwork(faults.at, fault_seed, trace)
+        self.network.state_of = self._state_of
+        self._nodes: dict[str, Node] = {}
         modules_of = dealt(self.scene, scenario.processes)
         self.conductor = Conductor(self.scene, max_rounds=scenario.max_rounds, record=self._result)
         self.conductor.know(modules_of, scenario.seed)
@@ -317,6 +322,7 @@ class _Run:
     def _node(self, config: ProcessConfig) -> Node:
         """Return the node of a process, which may be a liar."""
         node, name = self._make(config, self.scene), f"process_{config.process}"
+        self._nodes[name] = node
         if name not in self._faults.liars:
             return node
         return Liar(
@@ -328,6 +334,10 @@ class _Run:
             counts=self._sent,
             tell=self.network.lied,
         )
+
+    def _state_of(self, fault: Fault) -> str:
+        node = self._nodes.get(fault.where.partition(" ")[0])
+        return node.state if isinstance(node, HostNode) else self._pacer.phase
 
     @property
     def _lied(self) -> frozenset[str]:

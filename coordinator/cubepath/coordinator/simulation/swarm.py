@@ -13,12 +13,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from random import Random
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, get_args
 
+from cubepath.agents.free.mover import State
 from cubepath.agents.keepers.keeper import Keeper
 from cubepath.coordinator.simulation.faults import (
     FREE_KINDS,
     KINDS,
+    LIES,
     DrawnFaults,
     Fault,
     Faults,
@@ -26,6 +28,7 @@ from cubepath.coordinator.simulation.faults import (
     ListedFaults,
 )
 from cubepath.coordinator.simulation.free_simulated import (
+    KEEPER_STATES,
     FreeSimulatedRun,
     MakeKeeper,
     free_simulate,
@@ -157,13 +160,14 @@ OUTCOMES = ("goal", "max-rounds", "gave-up", "crash", "return", "stall", LIE, "f
 class LockstepSwarm:
     """Simulates runs with rounds."""
 
-    kinds = KINDS
+    states = ("join", "sense", "claim", "settle", "waiting")
     outcomes = OUTCOMES
     unit = "rounds"
 
     def __init__(self, asked: ScenarioOptions = ANYTHING, make: MakeNode = host_node) -> None:
         """Draw what is not asked for; `make` makes the nodes of module processes."""
         self.asked = asked
+        self.kinds = (*KINDS, *(LIES if asked.liars else ()))
         self._make = make
 
     def run_of(self, seed: int) -> SimulatedRun:
@@ -222,6 +226,7 @@ class FreeSwarm:
     """Simulates runs without rounds."""
 
     kinds = FREE_KINDS
+    states = (*get_args(State)[:-1], *KEEPER_STATES, "gathering")
     outcomes = FREE_OUTCOMES
     unit = "moves"
 
@@ -296,7 +301,8 @@ class SeedTally:
     steps: int = 0
     long: int = 0
     virtual_seconds: float = 0.0
-    faults: Counter[str] = field(default_factory=Counter)
+    met: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """By kind of fault and state of what it struck, how many there were."""
     outcomes: Counter[str] = field(default_factory=Counter)
     failed: list[KeptRun] = field(default_factory=list)
 
@@ -306,17 +312,19 @@ class SeedTally:
         self.steps += run.steps
         self.long += run.long
         self.virtual_seconds += run.seconds
-        self.faults.update(fault.kind for fault in run.fired)
+        self.met.update(run.met)
         self.outcomes[run.outcome] += 1
 
     def document(self, seconds: float) -> dict[str, Any]:
         """Return the keys of ``cubepath simulate --json``."""
+        kinds, states = self.simulator.kinds, self.simulator.states
         return {
             "seeds": self.seeds,
             "failures": self.outcomes["failure"],
             "steps": self.steps,
             self.simulator.unit: self.long,
-            "faults": {kind: self.faults[kind] for kind in self.simulator.kinds},
+            "faults": {kind: sum(self.met[kind, each] for each in states) for kind in kinds},
+            "states": {kind: {each: self.met[kind, each] for each in states} for kind in kinds},
             "outcomes": {kind: self.outcomes[kind] for kind in self.simulator.outcomes},
             "failed": [kept.document() for kept in self.failed],
             "virtual_seconds": round(self.virtual_seconds, 3),

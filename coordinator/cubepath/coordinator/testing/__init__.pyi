@@ -15,6 +15,11 @@ from cubepath.coordinator.testing.network import (
     NetworkUnderTest as NetworkUnderTest,
 )
 from cubepath.coordinator.testing.network_log import MessageLog as MessageLog
+from cubepath.coordinator.testing.properties import (
+    always as always,
+    reached as reached,
+    sometimes as sometimes,
+)
 from cubepath.coordinator.testing.replaying import Listener as Listener
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule
 from cubepath.coordinator.testing.run_under_test import RunUnderTest as RunUnderTest

@@ -1,7 +1,7 @@
-"""The plugin for pytest: fixtures, seeds by parametrisation, and recordings in the report.
+"""The plugin for pytest: fixtures, seeds, recordings in the report, and what sessions must meet.
 
 The entry point ``pytest11`` names it, so every pytest imports it where cubepath is installed: it
-imports nothing but pytest before a fixture is used.
+imports nothing large before a fixture is used.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from traceback import format_exception
 from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from cubepath.coordinator.testing import properties
 
 if TYPE_CHECKING:
     from cubepath.coordinator.testing.fixtures import (
@@ -30,6 +32,8 @@ MARKER = "cubepath"
 _TIMEOUT_S = 30.0
 _TOLD = pytest.StashKey[list[Any]]()
 """Those that name recordings when a test fails."""
+_UNMET = pytest.StashKey[list[str]]()
+"""A line for each property that the session has not met."""
 SEEDS_MAX = 100_000
 """A test is called no more often."""
 _OURS = re.compile(r"cubepath\.(protocol|agents|coordinator)\b|contextlib$")
@@ -57,8 +61,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Declare the marker, and check the options."""
     config.addinivalue_line(
         "markers",
-        f"{MARKER}(seeds=None, **options): the seeds of the test, and options of its runs, as"
-        " timeout_s=10, clock='free', links=False",
+        f"{MARKER}(seeds=None, reaches=(), **options): the seeds of the test, what the session must"
+        " reach if it passes, and options of its runs, as timeout_s=10, clock='free', links=False",
     )
     _seeds_asked(config)
     _timeout_s(config)
@@ -197,6 +201,46 @@ def pytest_runtest_makereport(
     return report
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Expect of the session what the markers of a test say, if it passes."""
+    where, due = f"{item.path}:{(item.location[1] or 0) + 1}", dict[str, tuple[str, int, bool]]()
+    for marker in item.iter_markers(MARKER):
+        given = marker.kwargs.get("reaches", [])
+        if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+            pytest.fail(f"{MARKER}(reaches={given!r}): expected a list of texts", pytrace=False)
+        due |= dict.fromkeys(given, (where, 0, False))
+    result = yield
+    properties.add(due)
+    return result
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """Add what a worker of pytest-xdist has counted, unless it died."""
+    properties.add(getattr(node, "workeroutput", {}).get(MARKER, {}))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail a session that was not cut short and has not met what it must."""
+    output: dict[str, Any] | None = getattr(session.config, "workeroutput", None)
+    whole = (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED)
+    if output is not None:
+        output[MARKER] = properties.tally()
+    elif session.exitstatus in whole and not session.shouldfail:
+        lines = session.config.stash[_UNMET] = properties.unmet()
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED if lines else session.exitstatus
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Name what the session has not met."""
+    lines = config.stash.get(_UNMET, [])
+    if lines:
+        terminalreporter.section("cubepath: never met in this session", red=True, bold=True)
+    for line in lines:
+        terminalreporter.line(f"FAILED {line}", red=True)
+
+
 @pytest.fixture
 def cubepath_seed(request: pytest.FixtureRequest) -> int:
     """Return the seed of this test: 0, or one of those that were asked for."""
@@ -220,7 +264,7 @@ def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
     """Return the options that the markers of a test give its runs; the nearest counts."""
     found: dict[str, Any] = {}
     for marker in reversed(list(request.node.iter_markers(MARKER))):
-        found |= {key: value for key, value in marker.kwargs.items() if key != "seeds"}
+        found |= {k: each for k, each in marker.kwargs.items() if k not in ("seeds", "reaches")}
     return found
 
 
