@@ -4,9 +4,34 @@ import msgspec
 
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
+from cubepath.coordinator.simulation.network import Trace
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Bundle, Go, Message, Retransmit, decode, encode
 from cubepath.protocol.wire.nodes import Effect
+
+
+class WrongLine:
+    """Counts how often a planted bug does what is wrong; after `most` times it does so no more."""
+
+    def __init__(self) -> None:
+        self.most = 1 << 30
+        self.steps: list[int] = []
+        """When it did, in steps of the run whose trace is given."""
+        self.trace: Trace | None = None
+
+    def again(self, *, most: int = 1 << 30, trace: Trace | None = None) -> None:
+        """Begin anew, for another run."""
+        self.most, self.trace = most, trace
+        self.steps.clear()
+
+    def acts(self) -> bool:
+        """Return whether the bug does now what is wrong."""
+        self.steps.append(0 if self.trace is None else len(self.trace.events))
+        return len(self.steps) <= self.most
+
+
+WRONG = WrongLine()
+"""That of the bug of the run that is played."""
 
 
 class Faultless:
@@ -32,7 +57,8 @@ class _Twice(HostNode):
     """Keeps what comes twice as if it were two messages."""
 
     def _hear(self, bundle: Bundle) -> list[Effect]:
-        if not self._awaits(bundle) or not self._inbox.knows(bundle):
+        twice = self._awaits(bundle) and self._inbox.knows(bundle)
+        if not (twice and WRONG.acts()):
             return super()._hear(bundle)
         self._judge.check(bundle)
         self._inbox.keep(msgspec.structs.replace(bundle, number=bundle.number + 100))
@@ -51,14 +77,16 @@ class ForgetsCounts(Faultless):
     """Begins a phase without what it has missed of the one before."""
 
     def changed(self, message: Message) -> Message:
-        return msgspec.structs.replace(message, sent={}) if isinstance(message, Go) else message
+        if not isinstance(message, Go) or not message.sent or not WRONG.acts():
+            return message
+        return msgspec.structs.replace(message, sent={})
 
 
 class Raises(Faultless):
     """Raises what no node may raise when others miss something."""
 
     def changed(self, message: Message) -> Message:
-        if isinstance(message, Retransmit):
+        if isinstance(message, Retransmit) and WRONG.acts():
             raise KeyError(message.region)
         return message
 
@@ -67,4 +95,5 @@ class IsDeaf(Faultless):
     """Hears nothing after the first round."""
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
-        return [] if decode(data).round > 1 else super().receive(key, data)
+        deaf = decode(data).round > 1 and WRONG.acts()
+        return [] if deaf else super().receive(key, data)

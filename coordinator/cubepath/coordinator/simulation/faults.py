@@ -8,8 +8,9 @@ In runs without rounds a fault happens at any time and place, up to a last one. 
 run, so faults may last as long as they like. Afterwards every process is back, or gone permanently.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 from typing import Protocol, TypeAlias
 
@@ -129,6 +130,59 @@ class ListedFaults:
         return frozenset(
             where.removesuffix(SAYS) for where, _ in self._faults if where.endswith(SAYS)
         )
+
+
+class BranchedFaults(ListedFaults):
+    """The faults of a list up to a step, and the rest of them at other places from there on.
+
+    Each of the rest comes at most once, and as rarely as in the run of the list.
+    """
+
+    def __init__(
+        self,
+        faults: Iterable[Fault],
+        step: int = 0,
+        rest: Iterable[Fault] = (),
+        random: Random | None = None,
+        asked: Mapping[str, int] | None = None,
+    ) -> None:
+        """Begin with the list; `asked` is how often its run asked, by kind of place.
+
+        Without more there is the list alone, and `asked` is counted.
+        """
+        super().__init__(faults)
+        self.step = step
+        self.asked = Counter(asked)
+        self._rest = list(rest)
+        self._random = random
+        self._begun = False
+
+    def begin(self) -> int:
+        """Go over to other places; return a seed for other delays."""
+        if self._random is None:
+            raise AssertionError("there is nothing to draw from")
+        self._begun = True
+        return self._random.getrandbits(32)
+
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
+        """Return the listed fault, or draw which of the rest happens here."""
+        place = _kind_of_place(where)
+        if not self._begun or self._random is None:
+            if self._random is None:
+                self.asked[place] += 1
+            return super().at(where, nth, kinds)
+        for fault in self._rest:
+            fits = _kind_of_place(fault.where) == place and (not kinds or fault.kind in kinds)
+            if fits and self._random.random() * self.asked[place] < 1:
+                self._rest.remove(fault)
+                return replace(fault, where=where, nth=nth)
+        return None
+
+
+def _kind_of_place(where: str) -> str:
+    """Return what kind of place a place is: a link, the router, or processes of a kind."""
+    name, _, what = where.partition(" ")
+    return "link" if what in ("up", "down") else f"{name.rstrip('0123456789')} {what}"
 
 
 _Table: TypeAlias = list[tuple[float, str]]
