@@ -11,23 +11,25 @@ from cubepath.protocol.wire.nodes import Effect
 
 
 class WrongLine:
-    """Counts how often a planted bug does what is wrong; after `most` times it does so no more."""
+    """Counts how often a planted bug does what is wrong; the first times it may do what is right.
+
+    `steps` has when it was to do so, in steps of the run whose trace is given.
+    """
 
     def __init__(self) -> None:
-        self.most = 1 << 30
+        self.right = 0
         self.steps: list[int] = []
-        """When it did, in steps of the run whose trace is given."""
-        self.trace: Trace | None = None
+        self.trace = Trace()
 
-    def again(self, *, most: int = 1 << 30, trace: Trace | None = None) -> None:
-        """Begin anew, for another run."""
-        self.most, self.trace = most, trace
-        self.steps.clear()
+    def again(self, right: int = 0) -> Trace:
+        """Begin anew for another run, whose trace is returned; so often it does what is right."""
+        self.right, self.trace, self.steps = right, Trace(), []
+        return self.trace
 
     def acts(self) -> bool:
         """Return whether the bug does now what is wrong."""
-        self.steps.append(0 if self.trace is None else len(self.trace.events))
-        return len(self.steps) <= self.most
+        self.steps.append(len(self.trace.events))
+        return len(self.steps) > self.right
 
 
 WRONG = WrongLine()

@@ -93,8 +93,9 @@ class CountsNoReads(Keeper):
     def _apply(self, decision: Decision, plan: AttemptPlan) -> None:
         super()._apply(decision, plan)
         for unit in plan.shares[self.me].reads:
-            if self.units.units[unit].read_level and WRONG.acts():
-                self.units.units[unit].read_level = 0
+            known = self.units.units.get(unit)
+            if known is not None and known.read_level and WRONG.acts():
+                known.read_level = 0
 
 
 class _Forgetful:

@@ -1,18 +1,25 @@
 """The event that decided that a run fails, found by playing on from its points with other chances.
 
-A run is played again up to one of its events: a process takes a message, a timer runs out, a fault
-happens. From there on delays differ, and the faults that are left come elsewhere. At first few of
-these runs fail in the same way, at the end all of them. Bisection finds the event after which more
-do.
+A run is played again up to one of its events: a process takes a message, comes back, or puts
+something since its timer has run out, or a fault happens. From there on delays differ, and the
+faults that are left come elsewhere. At first few of these runs fail in the same way, at the end all
+of them; bisection finds the event after which more do.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from itertools import chain
 from math import sqrt
 from random import Random
 from typing import Any
 
-from cubepath.coordinator.simulation.faults import SECOND_US, BranchedFaults, Fault
+from cubepath.coordinator.simulation.faults import (
+    ROUTER,
+    SECOND_US,
+    BranchedFaults,
+    Fault,
+    ListedFaults,
+)
 from cubepath.coordinator.simulation.network import Event, Trace
 from cubepath.protocol.core.errors import CheckError
 
@@ -31,40 +38,26 @@ _Z = 1.959964
 
 @dataclass(slots=True)
 class Point:
-    """How many of the runs fail whose first events are those of a failing run."""
+    """How many of the runs fail that share this many first events with a failing run."""
 
     event: int
-    """The number of these events."""
     seconds: float
-    """The virtual time of the last of them."""
+    """The virtual time of the last of these events."""
     plays: int = 0
     failures: int = 0
 
     @property
     def share(self) -> float:
         """Return the share of the runs that fail."""
-        return self.failures / self.plays if self.plays else 0.0
+        return self.failures / self.plays
 
     @property
     def interval(self) -> tuple[float, float]:
         """Return the 95 % interval of the probability (Wilson 1927)."""
         of = self.plays + _Z * _Z
         middle = (self.failures + _Z * _Z / 2) / of
-        spread = self.failures * (1 - self.share) + _Z * _Z / 4
-        return max(0.0, middle - _Z * sqrt(spread) / of), min(1.0, middle + _Z * sqrt(spread) / of)
-
-    def document(self) -> dict[str, Any]:
-        """Return the point as keys of a document."""
-        low, high = (round(each, 4) for each in self.interval)
-        return {
-            "event": self.event,
-            "seconds": self.seconds,
-            "plays": self.plays,
-            "failures": self.failures,
-            "probability": round(self.share, 4),
-            "low": low,
-            "high": high,
-        }
+        half = _Z * sqrt(self.failures * (1 - self.share) + _Z * _Z / 4) / of
+        return max(0.0, middle - half), min(1.0, middle + half)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,20 +68,20 @@ class Cause:
     """The number of events of the run."""
     points: tuple[Point, ...]
     event: int | None
-    """The number of the event after which most runs fail; None if most fail from the start."""
+    """The number of the event after which most runs fail; None if they do so from the start."""
     what: str
-    around: tuple[str, ...]
-    """The messages around it, one a line, each with its event; the event itself is marked."""
+    around: tuple[str, ...] = ()
+    """The messages around it, one a line; the event itself is marked."""
+    place: tuple[int, str] | None = None
+    """When it was, in microseconds, and at which process, or from which if it is the router's."""
 
     def document(self) -> dict[str, Any]:
         """Return the value of ``cause`` in ``cubepath simulate --json``."""
-        return {
-            "events": self.events,
-            "event": self.event,
-            "what": self.what,
-            "around": list(self.around),
-            "points": [point.document() for point in self.points],
-        }
+        found = asdict(self)
+        del found["place"]
+        for point, keys in zip(self.points, found["points"], strict=True):
+            keys["probability"], (keys["low"], keys["high"]) = point.share, point.interval
+        return found
 
 
 @dataclass(slots=True)
@@ -110,20 +103,22 @@ class _Branches:
     _asked: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        listed = BranchedFaults(self.run.fired)
+        listed = ListedFaults(self.run.fired)
         again = self.simulator.play(self.seed, self.run.scenario, listed, self.trace)
         if again.failure != self.run.failure:
-            found = "holds" if again.failure is None else again.failure.detail
             raise CheckError(
-                f"seed {self.seed}: the same run, played again, {found}; expected the same failure:"
-                " what it does depends on something other than its messages"
+                f"seed {self.seed}: fails in another way or not at all when the same run is played"
+                " again, expected a rule that depends on nothing but what it is given"
             )
         self._asked = listed.asked
-        fired = [each.fired for each in self.trace.events] + [len(self.run.fired)]
-        for step, each in enumerate(self.trace.events, 1):
-            if each.what or fired[step] > fired[step - 1]:
+        events, fired = self.trace.events, self.run.fired
+        put = {(arrow.sender, arrow.begin_us) for arrow in self.trace.arrows}
+        ends = [*(each.fired for each in events[1:]), len(fired)]
+        for step, (each, end) in enumerate(zip(events, ends, strict=True), 1):
+            idle = each.what == "timer runs out" and (each.process, each.at_us) not in put
+            if (each.what and not idle) or end > each.fired or step == len(events):
                 self.steps.append(step)
-                self.faults.append(self.run.fired[fired[step - 1] : fired[step]])
+                self.faults.append(fired[each.fired : end])
 
     @property
     def last(self) -> int:
@@ -134,36 +129,50 @@ class _Branches:
         """Return an event by its number, from 1."""
         return self.trace.events[self.steps[event] - 1]
 
-    def point(self, event: int) -> Point:
-        """Return the point after an event; 0 is the start."""
-        if event not in self.points:
-            at_us = self.of(event).at_us if event else 0
-            self.points[event] = Point(event, at_us / SECOND_US)
-        return self.points[event]
-
-    def play(self, event: int) -> None:
-        """Play one more run on from a point."""
-        point, step = self.point(event), self.steps[event]
-        random = Random(f"{self.seed}/{event}/{point.plays}")  # noqa: S311 - not for secrets
-        rest = [fault for faults in self.faults[event + 1 :] for fault in faults]
-        faults = BranchedFaults(self.run.fired, step + 1, rest, random, self._asked)
-        found = self.simulator.play(self.seed, self.run.scenario, faults)
-        point.plays += 1
-        same = found.failure is not None and found.failure.kind == self.run.failure.kind
-        point.failures += same
-        self.spent += found.steps
-        self.played(sum(each.plays for each in self.points.values()))
+    def play(self, event: int, plays: int) -> None:
+        """Play on from a point until that was done this often."""
+        seconds = self.of(event).at_us / SECOND_US if event else 0.0
+        point = self.points.setdefault(event, Point(event, seconds))
+        while point.plays < plays:
+            random = Random(f"{self.seed}/{event}/{point.plays}")  # noqa: S311 - not for secrets
+            rest = list(chain.from_iterable(self.faults[event + 1 :]))
+            listed = ListedFaults(self.run.fired)
+            faults = BranchedFaults(listed, self.steps[event] + 1, rest, random, self._asked)
+            found = self.simulator.play(self.seed, self.run.scenario, faults)
+            point.plays += 1
+            point.failures += (found.failure and found.failure.kind) == self.run.failure.kind
+            self.spent += found.steps
+            self.played(sum(each.plays for each in self.points.values()))
 
     def above(self, event: int, limit: float) -> bool:
         """Return whether the probability after an event is above a limit, as far as can be told."""
-        point = self.point(event)
-        while point.plays < _PLAYS_MAX:
-            for _ in range(_EACH):
-                self.play(event)
-            low, high = point.interval
+        for plays in range(_EACH, _PLAYS_MAX + 1, _EACH):
+            self.play(event, plays)
+            low, high = self.points[event].interval
             if not low <= limit <= high:
                 break
-        return point.share > limit
+        return self.points[event].share > limit
+
+    def text(self, number: int) -> str:
+        """Return an event in words: when, what happens, and to which message."""
+        event = self.of(number)
+        text = f"event {number}, {event.at_us / 1000:.3f} ms: {event.process}"
+        text += f" {event.what or 'passes on' if event.put or event.what else 'is hit'}"
+        if event.put is not None:
+            text += f" {self.simulator.label(event.put.data)} of {event.sender} ({event.put.key})"
+        faults = ", ".join(f"{fault.kind} at {fault.where}" for fault in self.faults[number])
+        return text + (f"; fault: {faults}" if faults else "")
+
+    def around(self, event: int) -> tuple[str, ...]:
+        """Return what processes take before and after an event, and the faults among that."""
+        told = [
+            number
+            for number in range(1, self.last + 1)
+            if number == event or self.of(number).put is not None or self.faults[number]
+        ]
+        place = told.index(event)
+        shown = told[max(0, place - _AROUND) : place + _AROUND + 1]
+        return tuple(f"{'>' if each == event else ' '} {self.text(each)}" for each in shown)
 
 
 def cause_of(
@@ -174,62 +183,33 @@ def cause_of(
     `played` is called with the number of runs so far. CheckError if the run does not fail again.
     """
     branches = _Branches(run, seed, simulator, played)
-    low, high = 0, branches.last
-    for _ in range(_FIRST):
-        branches.play(0)
-    branches.play(high)
-    always = branches.point(0).share == 1.0
+    points, low, high = branches.points, 0, branches.last
+    branches.play(0, _FIRST)
+    always = points[0].share == 1.0
     while high - low > 1 and not always:
         middle = (low + high) // 2
-        if branches.above(middle, (1 + branches.point(low).share) / 2):
+        if branches.above(middle, (1 + points[low].share) / 2):
             high = middle
         else:
             low = middle
-    _fill(branches, () if always else (low, high))
-    points = tuple(point for _, point in sorted(branches.points.items()))
-    if always:
-        what = "it fails from the start on, whatever the delays and wherever the faults are"
-        return Cause(branches.last, points, None, what, ()), branches.trace
-    return Cause(
-        branches.last, points, high, _text(branches, high), _around(branches, high)
-    ), branches.trace
-
-
-def _fill(branches: _Branches, sides: tuple[int, ...]) -> None:
-    """Play from both sides of the event, and from points that are spread over the whole run."""
-    for event in sides:
-        while branches.point(event).plays < _SIDE:
-            branches.play(event)
-    grid = sorted({branches.last * part // _GRID for part in range(_GRID + 1)})
+    for event in () if always else (low, high):
+        branches.play(event, _SIDE)
+    grid = [branches.last * part // _GRID for part in range(_GRID + 1)]
     for plays in range(1, _GRID_PLAYS + 1):
         for event in grid:
-            if branches.point(event).plays < plays and branches.spent < _STEPS_MAX:
-                branches.play(event)
-    for event in [event for event, point in branches.points.items() if not point.plays]:
-        del branches.points[event]
-
-
-def _text(branches: _Branches, number: int) -> str:
-    """Return an event in words: when, what happens, and to which message."""
-    event, label = branches.of(number), branches.simulator.label
-    what = event.what or ("passes on" if event.data else "is hit")
-    text = f"event {number}, {event.at_us / 1000:.3f} ms: {event.process} {what}"
-    if event.data is not None:
-        text += f" {label(event.data)} of {event.sender} ({event.key})"
-    faults = ", ".join(f"{fault.kind} at {fault.where}" for fault in branches.faults[number])
-    return text + (f"; fault: {faults}" if faults else "")
-
-
-def _around(branches: _Branches, event: int) -> tuple[str, ...]:
-    """Return what processes take before and after an event, and the faults among that."""
-
-    def told(number: int) -> bool:
-        each = branches.of(number)
-        return each.data is not None or bool(branches.faults[number])
-
-    before = [number for number in range(1, event) if told(number)][-_AROUND:]
-    after = [number for number in range(event + 1, branches.last + 1) if told(number)][:_AROUND]
-    return tuple(
-        f"{'>' if number == event else ' '} {_text(branches, number)}"
-        for number in (*before, event, *after)
-    )
+            if branches.spent < _STEPS_MAX:
+                branches.play(event, plays)
+    curve = tuple(points[event] for event in sorted(points))
+    if always:
+        what = "it fails from the start on, whatever the delays and wherever the faults are"
+        return Cause(branches.last, curve, None, what), branches.trace
+    named = branches.of(high)
+    place = named.at_us, named.sender if named.process == ROUTER else named.process
+    return Cause(
+        events=branches.last,
+        points=curve,
+        event=high,
+        what=branches.text(high),
+        around=branches.around(high),
+        place=place if place[1] else None,
+    ), branches.trace

@@ -118,9 +118,12 @@ class ListedFaults:
     def __init__(self, faults: Iterable[Fault]) -> None:
         """Sort the faults by place."""
         self._faults = {(fault.where, fault.nth): fault for fault in faults}
+        self.asked = Counter[str]()
+        """How often it was asked, by kind of place."""
 
     def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
         """Return the listed fault, if there is one, and if it fits here."""
+        self.asked[_kind_of_place(where)] += 1
         found = self._faults.get((where, nth))
         return None if found is None or (kinds and found.kind not in kinds) else found
 
@@ -132,49 +135,40 @@ class ListedFaults:
         )
 
 
-class BranchedFaults(ListedFaults):
+@dataclass(slots=True)
+class BranchedFaults:
     """The faults of a list up to a step, and the rest of them at other places from there on.
 
-    Each of the rest comes at most once, and as rarely as in the run of the list.
+    Each of the rest comes at most once, and as rarely as in a run with the list alone.
     """
 
-    def __init__(
-        self,
-        faults: Iterable[Fault],
-        step: int = 0,
-        rest: Iterable[Fault] = (),
-        random: Random | None = None,
-        asked: Mapping[str, int] | None = None,
-    ) -> None:
-        """Begin with the list; `asked` is how often its run asked, by kind of place.
+    listed: ListedFaults
+    step: int
+    rest: list[Fault]
+    random: Random
+    asked: Mapping[str, int]
+    """How often a run with the list asks, by kind of place."""
+    _begun: bool = False
 
-        Without more there is the list alone, and `asked` is counted.
-        """
-        super().__init__(faults)
-        self.step = step
-        self.asked = Counter(asked)
-        self._rest = list(rest)
-        self._random = random
-        self._begun = False
+    @property
+    def liars(self) -> frozenset[str]:
+        """Return the names of the processes with a lie on the list."""
+        return self.listed.liars
 
     def begin(self) -> int:
         """Go over to other places; return a seed for other delays."""
-        if self._random is None:
-            raise AssertionError("there is nothing to draw from")
         self._begun = True
-        return self._random.getrandbits(32)
+        return self.random.getrandbits(32)
 
     def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
         """Return the listed fault, or draw which of the rest happens here."""
+        if not self._begun:
+            return self.listed.at(where, nth, kinds)
         place = _kind_of_place(where)
-        if not self._begun or self._random is None:
-            if self._random is None:
-                self.asked[place] += 1
-            return super().at(where, nth, kinds)
-        for fault in self._rest:
+        for fault in self.rest:
             fits = _kind_of_place(fault.where) == place and (not kinds or fault.kind in kinds)
-            if fits and self._random.random() * self.asked[place] < 1:
-                self._rest.remove(fault)
+            if fits and self.random.random() * self.asked[place] < 1:
+                self.rest.remove(fault)
                 return replace(fault, where=where, nth=nth)
         return None
 

@@ -24,13 +24,7 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.simulation.faults import (
-    SECOND_US,
-    STARTS,
-    BranchedFaults,
-    Fault,
-    Faults,
-)
+from cubepath.coordinator.simulation.faults import SECOND_US, STARTS, BranchedFaults, Fault, Faults
 from cubepath.coordinator.simulation.free_oracle import Oracle, OracleError
 from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import FreeScenario

@@ -67,8 +67,7 @@ class Event:
     what: str
     """What a process does; empty if none does anything, as while a message is on its way."""
     sender: str
-    key: str
-    data: bytes | None
+    put: Put | None
     fired: int
     """How many faults had happened before it."""
 
@@ -167,9 +166,8 @@ class _Letter:
 
     def __call__(self, node: Node) -> list[Effect]:
         """Let the node of a receiver take it."""
-        if not isinstance(self.effect, Put):
-            raise AssertionError("only the router takes what is no message")
-        return node.receive(self.effect.key, self.effect.data)
+        put = self.effect
+        return node.receive(put.key, put.data) if isinstance(put, Put) else []
 
 
 class SimulatedNetwork:
@@ -712,10 +710,10 @@ class SimulatedNetwork:
                 what = "timer runs out"
             elif act == "_come_back":
                 what = "comes back"
-        if not isinstance(letter, _Letter) or not isinstance(letter.effect, Put):
-            return Event(self.now_us, process, what, "", "", None, len(self.fired))
-        put, sender = letter.effect, letter.sender.name
-        return Event(self.now_us, process, what, sender, put.key, put.data, len(self.fired))
+        sender, put = "", None
+        if isinstance(letter, _Letter) and isinstance(letter.effect, Put):
+            sender, put = letter.sender.name, letter.effect
+        return Event(self.now_us, process, what, sender, put, len(self.fired))
 
     def _arrow(self, letter: _Letter, receiver: SimulatedProcess | None, fate: Fate) -> None:
         put = letter.effect
