@@ -9,6 +9,7 @@ from cubepath.agents.keepers.keeper import ABORTED, Keeper, _Pending
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Commit, Decision, Inquiry
 from cubepath.protocol.wire.keys import Tiles
+from exploration.planted import WRONG
 
 
 class ForgetsRefusals(Keeper):
@@ -17,6 +18,8 @@ class ForgetsRefusals(Keeper):
     def _refuse(self, pending: _Pending, why: str) -> None:
         before = self._last.get(pending.passed.attempt.module)
         super()._refuse(pending, why)
+        if not WRONG.acts():
+            return
         del self._last[pending.passed.attempt.module]
         if before is not None:
             self._last[pending.passed.attempt.module] = before
@@ -28,7 +31,10 @@ class LocksNoGuards(Keeper):
     def _take(self, pending: _Pending) -> None:
         shares = dict(pending.plan.shares)
         mine = shares[self.me]
-        guards = {(False, unit) for unit in mine.guards}
+        guards = mine.shared & {(False, unit) for unit in mine.guards}
+        if not guards or not WRONG.acts():
+            super()._take(pending)
+            return
         shares[self.me] = replace(mine, shared=mine.shared - guards)
         plan = replace(pending.plan, shares=shares)
         super()._take(_Pending(pending.passed, plan, shares[self.me]))
@@ -39,6 +45,9 @@ class LocksNoReads(Keeper):
 
     def _take(self, pending: _Pending) -> None:
         shares = dict(pending.plan.shares)
+        if not shares[self.me].shared or not WRONG.acts():
+            super()._take(pending)
+            return
         shares[self.me] = replace(shares[self.me], shared=frozenset())
         plan = replace(pending.plan, shares=shares)
         super()._take(_Pending(pending.passed, plan, shares[self.me]))
@@ -48,6 +57,9 @@ class DecidesAlone(Keeper):
     """Gives up an attempt that has waited too long, without asking what came of it."""
 
     def _inquire(self, pending: _Pending) -> None:
+        if not WRONG.acts():
+            super()._inquire(pending)
+            return
         attempt = pending.passed.attempt
         given_up = Decision(attempt.module, attempt.epoch, attempt.number, reason=ABORTED)
         self._out.passes.setdefault(self.me, []).append(given_up)
@@ -64,14 +76,15 @@ class ForgetsFences(Keeper):
 
     def _fenced_off(self, plan: AttemptPlan) -> str | None:
         why = super()._fenced_off(plan)
-        return None if why is not None and "fenced" in why else why
+        return None if why is not None and "fenced" in why and WRONG.acts() else why
 
 
 class AnswersNoInquiry(Keeper):
     """Does not say what came of an attempt whose outcome was lost."""
 
     def _answer(self, keeper: int, inquiry: Inquiry) -> None:
-        pass
+        if not WRONG.acts():
+            super()._answer(keeper, inquiry)
 
 
 class CountsNoReads(Keeper):
@@ -80,7 +93,9 @@ class CountsNoReads(Keeper):
     def _apply(self, decision: Decision, plan: AttemptPlan) -> None:
         super()._apply(decision, plan)
         for unit in plan.shares[self.me].reads:
-            self.units.units[unit].read_level = 0
+            known = self.units.units.get(unit)
+            if known is not None and known.read_level and WRONG.acts():
+                known.read_level = 0
 
 
 class _Forgetful:
@@ -90,7 +105,7 @@ class _Forgetful:
         self._journal = journal
 
     def append(self, record: Record) -> None:
-        if not isinstance(record, Prepared):
+        if not isinstance(record, Prepared) or not WRONG.acts():
             self._journal.append(record)
 
     def records(self) -> Iterator[Record]:

@@ -50,6 +50,11 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
         default="lockstep",
         help="simulate runs with rounds, or with keepers and without rounds (default: lockstep)",
     )
+    simulate.add_argument(
+        "--why",
+        action="store_true",
+        help="stop at the first seed that fails, and find the event that decided it",
+    )
     add_out(
         simulate,
         "DIR",
@@ -60,8 +65,8 @@ def add_simulate(simulate: argparse.ArgumentParser) -> None:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.simulation import swarm  # noqa: PLC0415
     from cubepath.coordinator.simulation.scenarios import ScenarioOptions, check  # noqa: PLC0415
-    from cubepath.coordinator.simulation.swarm import SeedTally, simulate_seeds, simulator_of  # noqa: PLC0415
 
     check_files(options, [])
     seeds = seeds_of(options.seeds)
@@ -70,19 +75,26 @@ def _simulate(options: argparse.Namespace) -> int:
     )
     check(asked)
     check_output_folder(options.out)
-    tally, began, interrupted = SeedTally(simulator_of(asked)), time.monotonic(), False
+    tally, began, interrupted = swarm.SeedTally(swarm.simulator_of(asked)), time.monotonic(), False
     with console.progress_bar(len(seeds), "simulate", " seeds") as bar, apart():
 
         def failing(seed: int) -> None:
             bar.set_postfix_str(f"shrinking seed {seed}")
 
+        def played(runs: int) -> None:
+            bar.set_postfix_str(f"why seed {tally.failed[-1].seed}: {runs} runs", refresh=False)
+
         try:
             # A rule that prints would print into the answer.
             with contextlib.redirect_stdout(sys.stderr):
-                for kept in simulate_seeds(seeds, options.out, tally, failing=failing):
+                for kept in swarm.simulate_seeds(seeds, options.out, tally, failing=failing):
                     if kept is not None:
                         bar.clear()
                         _tell(kept)
+                        if options.why:
+                            swarm.explain(tally, played)
+                            bar.clear()
+                            break
                     bar.set_postfix_str(_state(tally), refresh=False)
                     bar.update()
                     # Where Python runs a finalizer, the exception would be dropped.
@@ -95,7 +107,8 @@ def _simulate(options: argparse.Namespace) -> int:
     document = {**tally.document(time.monotonic() - began), "never_met": never}
     for line in never:
         console.complain(line)
-    console.answer(options, document, _table(tally, document))
+    causes = [_cause(kept) for kept in tally.failed if kept.cause is not None]
+    console.answer(options, document, "\n".join([*causes, _table(tally, document)]))
     if interrupted:
         console.complain("interrupted")
         return console.INTERRUPTED
@@ -112,6 +125,25 @@ def _tell(kept: KeptRun) -> None:
     console.complain(
         f"seed {kept.seed}: {kept.kind}: {detail}; replay: {kept.command}; log: {kept.log}"
     )
+
+
+def _cause(kept: KeptRun) -> str:
+    cause = kept.cause
+    if cause is None:
+        raise AssertionError("nobody asked why")
+    lines = [f"seed {kept.seed}, faults: {'; '.join(kept.faults) or 'none'}", *cause.around]
+    if cause.event is None:
+        lines.append(cause.what)
+    for event in (0,) if cause.event is None else (cause.event - 1, cause.event):
+        point = next(each for each in cause.points if each.event == event)
+        low, high = point.interval
+        after = f"after event {event}" if event else "from the start"
+        lines.append(
+            f"{after} {point.failures} of {point.plays} runs fail in the same way:"
+            f" {point.share:.2f} ({low:.2f} to {high:.2f})"
+        )
+    lines.append(f"pictures: {', '.join(kept.pictures)}")
+    return "\n".join([*lines, ""])
 
 
 def _table(tally: SeedTally, document: dict[str, Any]) -> str:

@@ -8,8 +8,9 @@ In runs without rounds a fault happens at any time and place, up to a last one. 
 run, so faults may last as long as they like. Afterwards every process is back, or gone permanently.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from random import Random
 from typing import Protocol, TypeAlias
 
@@ -117,9 +118,12 @@ class ListedFaults:
     def __init__(self, faults: Iterable[Fault]) -> None:
         """Sort the faults by place."""
         self._faults = {(fault.where, fault.nth): fault for fault in faults}
+        self.asked = Counter[str]()
+        """How often it was asked, by kind of place."""
 
     def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
         """Return the listed fault, if there is one, and if it fits here."""
+        self.asked[_kind_of_place(where)] += 1
         found = self._faults.get((where, nth))
         return None if found is None or (kinds and found.kind not in kinds) else found
 
@@ -129,6 +133,50 @@ class ListedFaults:
         return frozenset(
             where.removesuffix(SAYS) for where, _ in self._faults if where.endswith(SAYS)
         )
+
+
+@dataclass(slots=True)
+class BranchedFaults:
+    """The faults of a list up to a step, and the rest of them at other places from there on.
+
+    Each of the rest comes at most once, and as rarely as in a run with the list alone.
+    """
+
+    listed: ListedFaults
+    step: int
+    rest: list[Fault]
+    random: Random
+    asked: Mapping[str, int]
+    """How often a run with the list asks, by kind of place."""
+    _begun: bool = False
+
+    @property
+    def liars(self) -> frozenset[str]:
+        """Return the names of the processes with a lie on the list."""
+        return self.listed.liars
+
+    def begin(self) -> int:
+        """Go over to other places; return a seed for other delays."""
+        self._begun = True
+        return self.random.getrandbits(32)
+
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
+        """Return the listed fault, or draw which of the rest happens here."""
+        if not self._begun:
+            return self.listed.at(where, nth, kinds)
+        place = _kind_of_place(where)
+        for fault in self.rest:
+            fits = _kind_of_place(fault.where) == place and (not kinds or fault.kind in kinds)
+            if fits and self.random.random() * self.asked[place] < 1:
+                self.rest.remove(fault)
+                return replace(fault, where=where, nth=nth)
+        return None
+
+
+def _kind_of_place(where: str) -> str:
+    """Return what kind of place a place is: a link, the router, or processes of a kind."""
+    name, _, what = where.partition(" ")
+    return "link" if what in ("up", "down") else f"{name.rstrip('0123456789')} {what}"
 
 
 _Table: TypeAlias = list[tuple[float, str]]

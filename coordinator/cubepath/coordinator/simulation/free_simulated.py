@@ -24,7 +24,14 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US, STARTS, Fault, Faults
+from cubepath.coordinator.simulation.faults import (
+    ROUTER,
+    SECOND_US,
+    STARTS,
+    BranchedFaults,
+    Fault,
+    Faults,
+)
 from cubepath.coordinator.simulation.free_oracle import Oracle, OracleError
 from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import FreeScenario
@@ -267,6 +274,8 @@ class _Run:
             scenario.hosts,
         )
         self.network.state_of = self._state_of
+        if isinstance(faults, BranchedFaults):
+            self.network.branch(faults.step, faults.begin)
         self._modules_of = dealt(self.scene, scenario.processes)
         self._incarnations = [0] * scenario.processes
         self._keepers: dict[str, KeeperNode] = {}

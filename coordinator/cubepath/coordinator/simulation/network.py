@@ -58,10 +58,26 @@ class Remark:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One step of a run: what it is about, and the message, if there is one."""
+
+    at_us: int
+    process: str
+    what: str
+    """What a process does; empty if none does anything, as while a message is on its way."""
+    sender: str
+    put: Put | None
+    fired: int
+    """How many faults had happened before it."""
+
+
 @dataclass(slots=True)
 class Trace:
     """Everything that happened, in the order in which it was known."""
 
+    events: list[Event] = field(default_factory=list)
+    """By step, from the first on."""
     arrows: list[Arrow] = field(default_factory=list)
     spans: list[Span] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
@@ -148,6 +164,11 @@ class _Letter:
     sent_us: int
     router_life: int
 
+    def __call__(self, node: Node) -> list[Effect]:
+        """Let the node of a receiver take it."""
+        put = self.effect
+        return node.receive(put.key, put.data) if isinstance(put, Put) else []
+
 
 class SimulatedNetwork:
     """Processes and the router between them; `run` carries out what happens, in order."""
@@ -195,6 +216,7 @@ class SimulatedNetwork:
         self._one_way = False
         self._through: Through | None = None
         self._after: Callable[[], None] | None = None
+        self._branches: tuple[int, Callable[[], int]] = 0, lambda: seed
 
     def add(
         self, name: str, make: Callable[[], Node], start_us: int = 0, *, tear: Tear | None = None
@@ -241,6 +263,10 @@ class SimulatedNetwork:
         self.fired.append(fault)
         self.met[fault.kind, self.state_of(fault)] += 1
 
+    def branch(self, step: int, begin: Callable[[], int]) -> None:
+        """Let delays be those of another seed from a step on, which `begin` returns then."""
+        self._branches = step, begin
+
     def lied(self, name: str, fault: Fault) -> None:
         """Note that a process has told a lie."""
         self.fire(fault)
@@ -261,6 +287,10 @@ class SimulatedNetwork:
             time_us, _, act, given = heappop(self._events)
             self.now_us = time_us
             self.steps += 1
+            if self.steps == self._branches[0]:
+                self._seed = self._branches[1]()
+            if self._trace is not None:
+                self._trace.events.append(self._event(act.__name__, *given))
             if self.steps > most_steps or time_us > most_us:
                 raise EndlessRun(f"no end after {self.steps} steps, {self._clock()}")
             act(*given)
@@ -667,11 +697,26 @@ class SimulatedNetwork:
             self._arrow(letter, receiver, "lost")
             return
         self._arrow(letter, receiver, fate)
-        if isinstance(letter.effect, Put):
-            put = letter.effect
-            self._take(receiver, lambda node: node.receive(put.key, put.data))
+        self._take(receiver, letter)
 
     # The trace.
+
+    def _event(self, act: str, about: Any, life: int = 0, *_: object) -> Event:
+        """Return what a step does that is about a process, a message, or the number of a router."""
+        process, what, letter = ROUTER, "", about
+        if isinstance(about, SimulatedProcess):
+            process, letter = about.name, None
+            ready = about.alive and self.now_us >= about.free_us
+            if act == "_serve" and ready and life == about.life:
+                what, letter = "takes", about.inbox[0]
+            elif act == "_tick" and ready and not about.inbox and life == about.timers:
+                what = "timer runs out"
+            elif act == "_come_back":
+                what = "comes back"
+        sender, put = "", None
+        if isinstance(letter, _Letter) and isinstance(letter.effect, Put):
+            sender, put = letter.sender.name, letter.effect
+        return Event(self.now_us, process, what, sender, put, len(self.fired))
 
     def _arrow(self, letter: _Letter, receiver: SimulatedProcess | None, fate: Fate) -> None:
         put = letter.effect

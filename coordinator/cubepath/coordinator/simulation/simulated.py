@@ -24,7 +24,15 @@ from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.conductor import Conductor, RunEnd
-from cubepath.coordinator.simulation.faults import ENDING, LIES, SAYS, SECOND_US, Fault, Faults
+from cubepath.coordinator.simulation.faults import (
+    ENDING,
+    LIES,
+    SAYS,
+    SECOND_US,
+    BranchedFaults,
+    Fault,
+    Faults,
+)
 from cubepath.coordinator.simulation.liars import Liar
 from cubepath.coordinator.simulation.network import EndlessRun, NodeError, SimulatedNetwork, Trace
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario
@@ -227,6 +235,8 @@ class _Run:
         self.network = SimulatedNetwork(faults.at, fault_seed, trace)
         self.network.state_of = self._state_of
         self._nodes: dict[str, Node] = {}
+        if isinstance(faults, BranchedFaults):
+            self.network.branch(faults.step, faults.begin)
         modules_of = dealt(self.scene, scenario.processes)
         self.conductor = Conductor(self.scene, max_rounds=scenario.max_rounds, record=self._result)
         self.conductor.know(modules_of, scenario.seed)

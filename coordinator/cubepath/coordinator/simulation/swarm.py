@@ -10,13 +10,15 @@ separate seeds.
 import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from random import Random
 from typing import Any, TypeAlias, get_args
 
 from cubepath.agents.free.mover import State
 from cubepath.agents.keepers.keeper import Keeper
+from cubepath.coordinator.simulation.causes import Cause, cause_of
+from cubepath.coordinator.simulation.failure_curve import failure_curve
 from cubepath.coordinator.simulation.faults import (
     FREE_KINDS,
     KINDS,
@@ -34,7 +36,7 @@ from cubepath.coordinator.simulation.free_simulated import (
     free_simulate,
     keeper_names,
 )
-from cubepath.coordinator.simulation.network import Trace
+from cubepath.coordinator.simulation.network import Remark, Trace
 from cubepath.coordinator.simulation.scenarios import (
     ANYTHING,
     FreeScenario,
@@ -285,10 +287,13 @@ class KeptRun:
     long: int
     """How much the run did, in this unit: rounds, or moves."""
     faults: tuple[str, ...]
+    cause: Cause | None = None
+    """Why it fails, if that was asked."""
 
     def document(self) -> dict[str, Any]:
         """Return the keys of an entry of ``failed`` of ``cubepath simulate --json``."""
         found = asdict(self)
+        found["cause"] = None if self.cause is None else self.cause.document()
         return found | {found.pop("unit"): found.pop("long")}
 
 
@@ -305,6 +310,8 @@ class SeedTally:
     """By kind of fault and state of what it struck, how many there were."""
     outcomes: Counter[str] = field(default_factory=Counter)
     failed: list[KeptRun] = field(default_factory=list)
+    shrunk: Any = None
+    """The run that is left of the last seed that failed."""
 
     def add(self, run: SimulatedRun | FreeSimulatedRun) -> None:
         """Count a run."""
@@ -359,7 +366,8 @@ def simulate_seeds(
             continue
         if failing is not None:
             failing(seed)
-        kept = keep(shrunk(found, seed, simulator), seed, folder, simulator)
+        tally.shrunk = shrunk(found, seed, simulator)
+        kept = keep(tally.shrunk, seed, folder, simulator)
         tally.failed.append(kept)
         yield kept
 
@@ -386,9 +394,7 @@ def keep(run: Any, seed: int, folder: Path, simulator: Any) -> KeptRun:
     simulator.play(seed, run.scenario, ListedFaults(run.fired), trace)
     # Not the name of the log alone: that is where `cubepath view` draws the states.
     pictures = tuple(log.with_name(f"{log.stem}-messages{kind}") for kind in (".svg", ".png"))
-    names = simulator.names(run.scenario)
-    for picture in pictures:
-        sequence_picture(trace, names, picture, title=_short(title), label=simulator.label)
+    _draw(trace, run, simulator, pictures, title)
     return KeptRun(
         seed=seed,
         kind=run.failure.kind,
@@ -407,6 +413,34 @@ def keep(run: Any, seed: int, folder: Path, simulator: Any) -> KeptRun:
             for fault in run.fired
         ),
     )
+
+
+def _draw(trace: Trace, run: Any, simulator: Any, pictures: Iterable[Path], title: str) -> None:
+    names = simulator.names(run.scenario)
+    for picture in pictures:
+        sequence_picture(trace, names, picture, title=_short(title), label=simulator.label)
+
+
+def explain(tally: SeedTally, played: Callable[[int], object]) -> KeptRun:
+    """Find out why the last failing seed fails; draw it, and mark it among the messages.
+
+    `played` is called with the number of runs so far. CheckError if it does not fail again.
+    InputError or CheckError if the pictures cannot be written.
+    """
+    kept, simulator = tally.failed[-1], tally.simulator
+    with collector_paused():
+        cause, trace = cause_of(tally.shrunk, kept.seed, simulator, played)
+    title = f"seed {kept.seed}: {kept.detail}"
+    messages = [Path(picture) for picture in kept.pictures]
+    if cause.place is not None:
+        trace.remarks.append(Remark(*cause.place, "decided here"))
+        _draw(trace, tally.shrunk, simulator, messages, title)
+    curves = [path.with_name(path.name.replace("-messages", "-why")) for path in messages]
+    for picture in curves:
+        failure_curve(cause, picture, title=_short(title))
+    pictures = (*kept.pictures, *map(str, curves))
+    tally.failed[-1] = replace(kept, cause=cause, pictures=pictures)
+    return tally.failed[-1]
 
 
 def _new_name(folder: Path, stem: str) -> Path:
