@@ -19,9 +19,9 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from cubepath.coordinator.experiments.rows import RUN_COLUMNS, Row, in_canonical_order
-from cubepath.coordinator.experiments.statistics import geometric_mean_interval
 from cubepath.coordinator.experiments.sweeping import read_sweep
 from cubepath.coordinator.experiments.tables import FACTORS, groups, priced, shown, without_size
+from cubepath.protocol.core.statistics import geometric_mean_interval
 
 DOCS = Path(__file__).parent.parent / "docs"
 FOLDER = DOCS / "studies"

@@ -11,11 +11,11 @@ import pytest
 import price_best
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.spec import expand, read_sweep_file
-from cubepath.coordinator.experiments.statistics import mean_interval
 from cubepath.coordinator.experiments.sweeping import play_sweep
 from cubepath.coordinator.experiments.tables import FACTORS, groups, priced
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.protocol import scene_from_spec
+from cubepath.protocol.core.statistics import mean_interval
 from faces import ROOT
 from studies import FOLDER, PAGE, PICTURES, TABLES, beat, committed, kept, tables_of_page, with_best
 

@@ -21,8 +21,8 @@ from matplotlib.patches import Patch
 
 from cubepath.agents import play_many
 from cubepath.agents.rules.registry import find_rule, own_rule
-from cubepath.coordinator.experiments.statistics import share_interval
 from cubepath.protocol import scene_from_spec
+from cubepath.protocol.core.statistics import share_interval
 
 _OWN, _BASELINE = "#0072b2", "#e69f00"
 MAX_ROUNDS = 2000

@@ -15,7 +15,6 @@ from cubepath.coordinator.experiments.plots import published_rows
 from cubepath.coordinator.experiments.report import write_report
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.spec import STANDARD, expand, sweep_of
-from cubepath.coordinator.experiments.statistics import share_interval
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
     by_size,
@@ -27,6 +26,7 @@ from cubepath.coordinator.experiments.tables import (
 )
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.ranges import values
+from cubepath.protocol.core.statistics import share_interval
 
 DATA = Path(__file__).parents[2] / "data" / "imports"
 OWN = """

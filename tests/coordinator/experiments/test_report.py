@@ -19,7 +19,6 @@ from cubepath.coordinator.experiments.plots import plots_of
 from cubepath.coordinator.experiments.report import distances, write_report
 from cubepath.coordinator.experiments.rows import FAILURES, RUN_COLUMNS
 from cubepath.coordinator.experiments.spec import expand, sweep_of
-from cubepath.coordinator.experiments.statistics import Interval
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
     best_by_scene,
@@ -32,6 +31,7 @@ from cubepath.coordinator.experiments.tables import (
     shown,
 )
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.statistics import Interval
 from processes.command_line import refused
 
 SLOW_RULE = """

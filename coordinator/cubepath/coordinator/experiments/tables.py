@@ -20,7 +20,8 @@ from matplotlib.axes import Axes
 
 from cubepath.coordinator.experiments.published import PUBLISHED, PublishedResults
 from cubepath.coordinator.experiments.rows import FAILURES, Row, natural
-from cubepath.coordinator.experiments.statistics import (
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.statistics import (
     SIZES_MIN,
     Interval,
     geometric_mean_interval,
@@ -30,7 +31,6 @@ from cubepath.coordinator.experiments.statistics import (
     share_interval,
     sign_test,
 )
-from cubepath.protocol.core.errors import InputError
 
 _ALIKE = ("system", "clock", "core", "hesitate", "faults", "max_rounds")
 _PARTS = ("processes", "keepers")

@@ -9,7 +9,6 @@ of them; bisection finds the event after which more do.
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from itertools import chain
-from math import sqrt
 from random import Random
 from typing import Any
 
@@ -22,6 +21,7 @@ from cubepath.coordinator.simulation.faults import (
 )
 from cubepath.coordinator.simulation.network import Event, Trace
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.statistics import share_interval
 
 _FIRST, _EACH, _PLAYS_MAX = 16, 4, 32
 """How often a run is played on from its start; from another point at least and at most."""
@@ -32,8 +32,6 @@ _STEPS_MAX = 800_000
 """After this many steps in all no more points are added to the curve."""
 _AROUND = 5
 """This many messages before the event are shown, and after it."""
-_Z = 1.959964
-"""The quantile of the normal distribution for intervals of 95 %."""
 
 
 @dataclass(slots=True)
@@ -53,11 +51,9 @@ class Point:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Return the 95 % interval of the probability (Wilson 1927)."""
-        of = self.plays + _Z * _Z
-        middle = (self.failures + _Z * _Z / 2) / of
-        half = _Z * sqrt(self.failures * (1 - self.share) + _Z * _Z / 4) / of
-        return max(0.0, middle - half), min(1.0, middle + half)
+        """Return the 95 % interval of the probability."""
+        found = share_interval(self.failures, self.plays)
+        return found.low or 0.0, found.high or 0.0
 
 
 @dataclass(frozen=True, slots=True)

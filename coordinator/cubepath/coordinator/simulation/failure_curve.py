@@ -31,12 +31,13 @@ def failure_curve(cause: Cause, path: Path, *, title: str) -> None:
     axes.plot(where, shares, color=_INK, linewidth=1.2)
     axes.errorbar(where, shares, (below, above), fmt="o", color=_INK, ecolor=_QUIET, markersize=4)
     axes.set(ylim=(-0.03, 1.03), xlim=(-0.01 * cause.events, 1.01 * cause.events))
-    axes.set_xlabel(f"events that are as they were, of {cause.events}")
-    axes.set_ylabel("it fails in the same way")
+    axes.set_xlabel(f"first events that stay as they were, of {cause.events}")
+    axes.set_ylabel("share of runs that fail in the same way")
     if cause.event is not None:
         axes.axvline(cause.event, color=_DECIDED, linewidth=1, linestyle="--", zorder=0)
     axes.set_title(fill(title, _COLUMNS), loc="left", color=_INK, fontsize=10, fontweight="bold")
-    figure.text(0.01, -0.02, fill(cause.what, _COLUMNS + 30), color=_DECIDED, fontsize=8, va="top")
+    said = fill(cause.what, _COLUMNS + 30)
+    figure.supxlabel(said, x=0.01, ha="left", color=_DECIDED, fontsize=8)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     save_figure(figure, path)

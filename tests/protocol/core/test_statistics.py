@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.experiments.statistics import (
+from cubepath.protocol.core.statistics import (
     RESAMPLES,
     mean_interval,
     paired_test,
