@@ -312,6 +312,7 @@ def test_half_of_all_that_is_sent_may_be_lost(hosts: Hosts, clock: str) -> None:
         hosts.degrade(*pair, loss=0.5)
     time.sleep(2 * OVER_S)
     hosts.heal()
+    time.sleep(OVER_S)  # what waits long to send once more is closed, and opened anew
     fleet.end()
 
 
