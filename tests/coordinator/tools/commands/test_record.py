@@ -82,6 +82,7 @@ def test_who_watches_a_run_goes_on_at_another_of_two_linked_routers(
     page = commands.start("view", where, "--json")
     recorder.says("recording run")
     page.says("live at")
+    soon(log.exists)  # the file begins with the first message
     routers[mine].signal()
     run.says(r"endpoint \S+, run")
     before = log.stat().st_size
