@@ -57,12 +57,14 @@ class Block:
 
 
 def blocks(page: Path) -> list[Block]:
-    """Return all code blocks of a page, in order."""
+    """Return all code blocks of a page, in order, without directives of the site: ```{NAME}."""
     found = []
     text = page.read_text("utf-8")
     for match in BLOCK.finditer(text):
         indent, info, inside = match.groups()
         language, _, name = info.strip().partition(" ")
+        if language.startswith("{"):
+            continue
         plain = re.sub(f"^{indent}", "", inside, flags=re.MULTILINE)
         found.append(Block(language, name, plain, text.count("\n", 0, match.start()) + 1))
     return found

@@ -28,6 +28,7 @@ NOT_OURS = frozenset(
         "set_num_threads",
         "SourceInfo",
         "ssh",
+        "stroll",
         "support_sites",
         "support_starts",
         "unwrapped",
