@@ -37,6 +37,8 @@ myst_enable_extensions = ["deflist"]
 myst_heading_anchors = 3
 # A single backtick is code in docstrings, as in Markdown.
 default_role = "code"
+# "--seed" in a help text must stay as you type it.
+smartquotes = False
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 copybutton_prompt_text = "$ "
