@@ -80,25 +80,15 @@ def factors(row: dict[str, Any], beat: int) -> tuple[float, float, float]:
 
 def torsion_table(rows: Rows) -> str:
     """Return the table of homology with torsion."""
-    columns = [
-        "grid",
-        "vehicles",
-        "rank of the cubes, mod 2",
-        "mod 3",
-        "torsion of H_2",
-        "pairs of junctions",
-        "can change places",
-    ]
+    columns = ["grid", "vehicles", "torsion of H_2", "pairs of junctions", "can change places"]
     lines = []
     for row in rows:
-        ranks = [f"{row['ranks'][prime][2]:,}" for prime in ("2", "3")]
         torsion = [factors for k, factors in enumerate(row["torsion"]) if k == 2]
         assert not any(factors for k, factors in enumerate(row["torsion"]) if k != 2)
         lines.append(
             [
                 f"{row['columns']}x{row['rows']}",
                 row["vehicles"],
-                *ranks,
                 " + ".join(f"**Z/{factor}**" for factor in torsion[0]) or "none",
                 row["pairs"],
                 row["swapping"],
