@@ -38,19 +38,18 @@ def committed(name: str) -> Rows:
 
 def flips_table(rows: Rows) -> str:
     """Return the table of diameters."""
-    columns = ["n", "triangulations", "up to symmetry", "eccentricities", "diameter"]
+    columns = ["n", "up to symmetry", "eccentricities", "diameter"]
     lines = []
     for row in rows:
         known = row["eccentricities"]
         said = known and ", ".join(f"{each}: {many:,}" for each, many in known.items())
-        counts = [f"{row[key]:,}" for key in ("triangulations", "orbits")]
-        lines.append([row["n"], *counts, said, f"**{row['diameter']}**"])
+        lines.append([row["n"], f"{row['orbits']:,}", said, f"**{row['diameter']}**"])
     return markdown(columns, lines)
 
 
 def hexagons_table(rows: Rows) -> str:
     """Return the table of components, from five hexagons on: fewer have one."""
-    columns = ["n", "shapes", "up to symmetry", "components", "in the largest", "stuck"]
+    columns = ["n", "shapes", "components", "in the largest", "stuck"]
     lines = []
     for row in rows:
         if row["catalogue"] == 2:
@@ -59,9 +58,8 @@ def hexagons_table(rows: Rows) -> str:
         if row["n"] < 5:
             assert row["components"] == 1
             continue
-        keys = ("shapes", "free_shapes", "components")
         share = f"{100 * row['largest'] / row['shapes']:.1f}%"
-        counts = [f"{row[key]:,}" for key in keys]
+        counts = [f"{row[key]:,}" for key in ("shapes", "components")]
         lines.append([row["n"], *counts, share, row["stuck"]])
     return markdown(columns, lines)
 
@@ -82,28 +80,15 @@ def factors(row: dict[str, Any], beat: int) -> tuple[float, float, float]:
 
 def torsion_table(rows: Rows) -> str:
     """Return the table of homology with torsion."""
-    columns = [
-        "grid",
-        "vehicles",
-        "squares",
-        "cubes",
-        "rank of the cubes, mod 2",
-        "mod 3",
-        "torsion of H_2",
-        "pairs of junctions",
-        "can change places",
-    ]
+    columns = ["grid", "vehicles", "torsion of H_2", "pairs of junctions", "can change places"]
     lines = []
     for row in rows:
-        ranks = [f"{row['ranks'][prime][2]:,}" for prime in ("2", "3")]
         torsion = [factors for k, factors in enumerate(row["torsion"]) if k == 2]
         assert not any(factors for k, factors in enumerate(row["torsion"]) if k != 2)
         lines.append(
             [
                 f"{row['columns']}x{row['rows']}",
                 row["vehicles"],
-                *(f"{count:,}" for count in row["cells"][2:4]),
-                *ranks,
                 " + ".join(f"**Z/{factor}**" for factor in torsion[0]) or "none",
                 row["pairs"],
                 row["swapping"],

@@ -260,7 +260,8 @@ def free_tables(rows: Sequence[Row]) -> dict[str, str]:
     """Return the tables of the page on clocks: ratios of times, in the model and with messages."""
     every = rows
     rows = [row for row in every if row["core"] == "compiled"]
-    order, times = _faults_in_order(rows), ratios(rows)
+    times = ratios(rows)
+    order = [faults for faults in _faults_in_order(rows) if "slow_factor=2" not in faults]
     systems = list(dict.fromkeys(row["system"] for row in rows))
     slow = markdown(
         ["system", *map(_named, order)],

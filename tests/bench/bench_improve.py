@@ -2,12 +2,12 @@
 
 With cubepath and its extra `proofs`: ``python tests/bench/bench_improve.py [--quick] [--prove S]``.
 
-Prints the table of docs/instances.md: plans of other planners, triangulations as CG:SHOP 2026 has
-them, and a long random walk of every local system. `rounds` is the planner's own count where one is
-known: for the vehicles a follower may enter what another leaves in the same round, which no cube
-allows. `seconds` is what improvement, bounds and exhaustive search took together. Where the lower
-bound is met, the path is as short as any; elsewhere ``--prove`` goes on, and the last three columns
-have what it finds and proves, or what is left open.
+Prints the table of docs/instances.md with more columns: plans of other planners, triangulations as
+CG:SHOP 2026 has them, and a long random walk of every local system. `rounds` is the planner's own
+count where one is known: for the vehicles a follower may enter what another leaves in the same
+round, which no cube allows. `seconds` is what improvement, bounds and exhaustive search took
+together. Where the lower bound is met, the path is as short as any; elsewhere ``--prove`` goes on,
+and the last three columns have what it finds and proves, or what is left open.
 """
 
 import argparse

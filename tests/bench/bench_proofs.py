@@ -1,10 +1,10 @@
 """How long it takes to find proofs of optimality and to check them, and how large they are.
 
 With the extra ``proofs``: ``python tests/bench/bench_proofs.py [--quick]`` prints the table of
-docs/proofs.md. Each row refutes one round less than the optimum, which is asked for first and not
-counted. ``find`` is CaDiCaL alone, handing over the clauses included, and ``verify`` all that
-``cubepath verify`` does with the file: reading it, deriving moves, windows and clauses again, and
-following the log. Nothing is asserted but that the proof holds.
+docs/proofs.md, with more rows and columns. Each row refutes one round less than the optimum, which
+is asked for first and not counted. ``find`` is CaDiCaL alone, handing over the clauses included,
+and ``verify`` all that ``cubepath verify`` does with the file: reading it, deriving moves, windows
+and clauses again, and following the log. Nothing is asserted but that the proof holds.
 """
 
 import argparse

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -20,7 +19,6 @@ from cubepath.protocol.core.actions import State, apply
 from cubepath.protocol.core.catalogue import HEXAGONS
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
-from pasted import blocks
 from processes.command_line import ROOT
 
 Graph = tuple[frozenset[int], ...]
@@ -246,11 +244,10 @@ def connected(cells: Collection[Site]) -> bool:
 @pytest.mark.parametrize(("spec", "rounds"), [("hex-open:n=4", 600), ("hex-open:n=7,bend=60", 400)])
 @pytest.mark.parametrize("hesitate", [0.0, 0.5])
 def test_the_walkers_of_the_tutorial_stay_connected(
-    spec: str, rounds: int, hesitate: float, tmp_path: Path
+    spec: str, rounds: int, hesitate: float
 ) -> None:
     """In every round, since none is the way of another to the source; `metropolis` parts them."""
-    page, file = blocks(ROOT / "docs" / "extending.md"), tmp_path / "walkers.py"
-    file.write_text(next(each.text for each in page if each.name == file.name), "utf-8")
+    file = ROOT / "docs" / "examples" / "walkers.py"
     for name, whole in ((f"{file}:WALKERS", True), ("metropolis", False)):
         rule = rule_named(name, scene_from_spec(spec).system)
         played = play(spec, rule, seed=1, hesitate=hesitate, max_rounds=rounds)

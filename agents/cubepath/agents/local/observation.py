@@ -140,7 +140,10 @@ def observe(
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An observation as a rule reads it: by places and moves instead of slots and codes."""
+    """An observation as a rule reads it: by places and moves instead of slots and codes.
+
+    `system` is the static world, without modules; `site` and `place` are where the module is.
+    """
 
     system: System
     site: Site
@@ -148,6 +151,7 @@ class View:
     occupied: Mapping[Site, int]
     """Sensed places with a module or an occupied obstacle, and the codes they show."""
     mask: NDArray[np.int8]
+    """1 for each legal action, of shape (move_slots + 1,); action 0, to stay, always is."""
     moves: tuple[Move | None, ...]
     """The moves by slot, admissible or not; action ``i`` is ``moves[i - 1]``."""
     notes: Mapping[Site, Note]

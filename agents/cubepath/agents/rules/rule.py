@@ -71,10 +71,11 @@ class InitialKnowledge:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An action, a note for the modules within reach, and whether the rule has given up.
+    """An `action`, a `note` for the modules within reach, and whether the rule has given up.
 
-    They hear the note when they sense the next round, whether or not the move was granted. A rule
-    that finds that it cannot reach its goal says so in `failed`, in one line.
+    Action 0 stays; without a note the last one stands. Modules hear the note when they sense the
+    next round, whether or not the move was granted. A rule that finds that it cannot reach its goal
+    says so in `failed`, in one line.
 
     The rest is for the free clock, under which a note is a register at the module's place, and all
     of a choice happens at one instant or not at all: only if the support of the move, the `guards`

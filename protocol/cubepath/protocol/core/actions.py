@@ -21,11 +21,12 @@ _SETS = (frozenset, set)
 class Action:
     """A placed generator: a support, a trace inside it, an unordered pair of local states.
 
-    `ends` holds, for each of the two local states, the sites of the support that are on, in a
-    canonical order that does not depend on which was given first. Sites in `free` may be on or off;
-    a pair ``(a, b)`` in `guards` says that if `a` is on then so is `b` (the dot and arrow of the
-    paper's sliding squares). Two actions are equal iff support, trace, local states and these
-    conditions are; `label` is for display only.
+    The sites of `support` must be as they are, those of `trace` may change, and `reads` is the
+    support without the trace. `ends` holds, for each of the two local states, the sites of the
+    support that are on, in a canonical order that does not depend on which was given first. Sites
+    in `free` may be on or off; a pair ``(a, b)`` in `guards` says that if `a` is on then so is `b`
+    (the dot and arrow of the paper's sliding squares). Two actions are equal iff support, trace,
+    local states and these conditions are; `label` is for display only.
     """
 
     __slots__ = ("_hash", "ends", "free", "guards", "label", "reads", "support", "trace")

@@ -357,6 +357,12 @@ class RunView:
     is one, and `facts` are pairs of texts for the head of the page. With a `chain`, places from 0
     in the cubes one after another, they are the schedule of a certificate, which the chain proves.
     `marks` are pairs of a step, from 1, and what the time axis says of it.
+
+    >>> played = play("hex:n=4", hesitate=0.5, seed=1)
+    >>> cubes = normal_cube_path(played.path)
+    >>> shown = RunView(played.scene, played.steps, cubes, facts=(("rule", "chain"),))
+    >>> len(shown.steps) > len(shown.cubes)
+    True
     """
 
     scene: Scene
