@@ -30,16 +30,22 @@ LEFT_OUT = {
 LONG = {
     "README",
     "experiments",
+    "commuting",
     "extending",
+    "first-rule",
+    "first-run",
     "free-clock",
     "hosts",
     "messages",
+    "policies",
     "recordings",
     "replay",
     "robots",
     "running",
     "schedules",
+    "security",
     "testing",
+    "viewers",
 }
 """Pages that take seconds."""
 SHOWN = {

@@ -201,7 +201,7 @@ def learned(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     torch.set_num_threads(1)
     (block,) = [
         block
-        for block in blocks(ROOT / "docs" / "extending.md")
+        for block in blocks(ROOT / "docs" / "policies.md")
         if block.text.startswith("from sb3_contrib import MaskablePPO\n")
     ]
     folder = tmp_path_factory.mktemp("model")

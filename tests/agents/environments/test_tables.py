@@ -19,7 +19,7 @@ SPECS = ["hex:n=4", "agv-labelled:graph=grid3x3,n=3", "arm", "words", "triangula
 
 def rows() -> dict[str, str]:
     """Return the second column of each row of the page by the name in the first."""
-    text = (ROOT / "docs" / "extending.md").read_text()
+    text = (ROOT / "docs" / "policies.md").read_text()
     found = re.findall(r"^\| `?([\w()]+)`? \| (.+?) \| .+ \|$", text, re.MULTILINE)
     table: dict[str, str] = {}
     for name, told in found:
