@@ -7,10 +7,20 @@ from typing import Any
 import pytest
 
 from cubepath.agents.free.config import OwnMove
-from cubepath.agents.free.mover import AGAIN_S, THINK_S, Mover, Pace
+from cubepath.agents.free.mover import (
+    AGAIN_S,
+    AGAIN_S_MAX,
+    REST_S,
+    REST_S_MAX,
+    RETRY_S,
+    RETRY_S_MAX,
+    THINK_S,
+    Mover,
+    Pace,
+)
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.local.observation import View
-from cubepath.agents.local.random_streams import HESITATE, stream
+from cubepath.agents.local.random_streams import HESITATE, PACE, stream
 from cubepath.agents.rules.rule import Choice, FreeRule
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.catalogue import GeneratorPlacement
@@ -247,15 +257,76 @@ def _last(view: View) -> Choice:
     return Choice(int(view.mask.nonzero()[0][-1]))
 
 
-def test_its_level_is_the_greatest_of_its_moves() -> None:
-    """A commit that only writes registers has none."""
+def test_who_stays_again_and_again_rests_longer_and_longer() -> None:
+    """Twice as long each time, up to a second, and from the start after an attempt."""
+    stays = [True] * 11 + [False] + [True] * 2
+    mover, sensing = _entered(lambda view: Choice() if stays.pop(0) else _last(view))
+    now_s, rests_s = 7.0, list[float]()
+    while stays:
+        for _, asked in mover.step(now_s, sensing):
+            mover.decided(Decision(1, 1, 1, reason="no"), now_s)
+            assert asked.module == 1
+        rests_s.append(mover.due_s - now_s)
+        now_s = mover.due_s
+    expected = [min(REST_S * 2**times, REST_S_MAX) for times in range(11)]
+    assert rests_s[:11] == pytest.approx(expected)
+    assert rests_s[12:] == pytest.approx([REST_S, 2 * REST_S])
+
+
+def test_who_is_refused_again_and_again_tries_less_and_less_often() -> None:
+    """It draws the time from a range that doubles; no news wake it sooner. A commit ends that."""
     mover, sensing = _entered(_last)
-    for version, level in enumerate((3, 0, 5), 1):
-        asks = mover.step(float(version), sensing)
-        (asked,) = [each for _, each in asks if isinstance(each, Attempt)]
-        _commit(mover, asked, level, SECOND, version)
-        sensing.know([PlaceState(SECOND, version, SECOND, 1, [], version)])
-        assert mover.level == max(3, level)
+    pace, now_s = stream(1, 1, PACE), 5.0
+    for number in range(1, 12):
+        ((_, asked),) = mover.step(now_s, sensing)
+        assert isinstance(asked, Attempt)
+        assert asked.number == number
+        mover.decided(Decision(1, 1, number, reason="no"), now_s)
+        waits_s = min(RETRY_S * 2**number, RETRY_S_MAX) * pace.fraction()
+        assert mover.due_s == pytest.approx(now_s + waits_s)
+        mover.dirty = True
+        assert mover.step(now_s + waits_s / 2, sensing) == []
+        now_s = mover.due_s
+    ((_, asked),) = mover.step(now_s, sensing)
+    assert isinstance(asked, Attempt)
+    _commit(mover, asked, 1)
+    sensing.know([PlaceState(SECOND, 1), PlaceState(THIRD, 1, THIRD, 1, [], 1)])
+    mover.due_s, mover.dirty = now_s + 1, True
+    assert len(mover.step(now_s, sensing)) == 1
+
+
+def test_nothing_more_is_an_outcome_once_it_is_fenced_off() -> None:
+    """Not even that very attempt, whose commit a keeper told before it heard of the later epoch."""
+    mover, _, attempt = _pending(1)
+    for reason in ("fenced off: a later epoch has begun", "no"):
+        mover.decided(Decision(0, 1, attempt.number, reason=reason), 0.0)
+        assert (mover.state, mover.due_s) == ("superseded", inf)
+
+
+def test_who_halts_rests_when_its_attempt_is_decided() -> None:
+    """It begins nothing, is not woken for a second, and chooses at once when it continues."""
+    mover, sensing, attempt = _pending(1)
+    mover.halted = True
+    assert not mover.rests
+    mover.decided(Decision(0, 1, attempt.number, reason="no"), 5.0)
+    assert mover.rests
+    for now_s in (5.0, 9.0):
+        assert mover.step(now_s, sensing) == []
+        assert mover.due_s == now_s + REST_S_MAX
+    mover.halted = False
+    assert not mover.rests
+
+
+def test_it_asks_every_keeper_for_its_place_until_one_answers() -> None:
+    """Less and less often, every four seconds at the least."""
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing"))
+    mover = Mover(SCENE, Tiles(SCENE.system, 3), rule, 0, incarnation=4, seed=1)
+    sensing, now_s = Sensing(SCENE.system, TILES), 0.0
+    for times in range(8):
+        assert mover.step(now_s, sensing) == [(me, EnterRequest(0, 4)) for me in range(3)]
+        assert mover.due_s == now_s + min(AGAIN_S * 2**times, AGAIN_S_MAX)
+        assert mover.step(now_s, sensing) == []
+        now_s = mover.due_s
 
 
 def test_it_does_not_choose_before_its_own_change_is_shown() -> None:
@@ -293,6 +364,76 @@ def test_a_register_that_changes_while_it_thinks_lets_it_choose_again() -> None:
     assert mover.step(3.0, sensing) == []
     assert mover.state == "thinking"
     assert [turn.number for turn in mover.turns] == [1, 2, 2]
+
+
+def _of(
+    spec: str, module: int = 0, choose: Any = _last, pace: Pace = AT_ONCE
+) -> tuple[Mover, Sensing]:
+    """Return a module of a scene that has entered, and senses all at the start."""
+    scene = scene_from_spec(spec)
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing", lambda _: choose, lambda _: 1))
+    tiles = Tiles(scene.system, 1)
+    mover = Mover(scene, tiles, rule, module, incarnation=1, seed=1, pace=pace)
+    sensing = Sensing(scene.system, tiles)
+    sensing.need(mover.needs, 0.0)
+    for tile in mover.needs:
+        sensing.take(TileUpdate(0, tile, 0, [], whole=True), 0.0)
+    start = enumerate(scene.start)
+    sensing.know(PlaceState(scene.system.place_of(at), 0, at, n, [n]) for n, at in start)
+    mover.entered(Entered(1, scene.start[module], Occupant(module, 1, 1, 0, [], 0)), 0.0)
+    return mover, sensing
+
+
+@pytest.mark.parametrize(
+    ("spec", "module"),
+    [("hex:n=4", 0), ("agv-labelled:graph=P3,n=2", 1), ("words:presentation=free2", 1)],
+)
+def test_any_unit_that_changes_while_it_thinks_lets_it_choose_again(spec: str, module: int) -> None:
+    """Whatever a unit of the system is; if none does, it attempts what it thought of."""
+    changes: list[PlaceState | None] = [None]
+    for change in changes:
+        mover, sensing = _of(spec, module, pace=Pace(1.0))
+        system = mover._system
+        mover.step(0.0, sensing)
+        attempt = mover._attempt
+        assert attempt is not None
+        if change is None:
+            for unit, shown in attempt.sensed:
+                place: Site = unit if system.labels else system.place_of(unit)
+                other: Site = (place, 0) if system.labels else unit
+                if place != system.place_of(mover.site):
+                    changes.append(PlaceState(place, 1, None if shown else other, 7))
+            assert mover.step(THINK_S, sensing) == [(0, attempt)]
+        else:
+            sensing.know([change])
+            assert mover.step(THINK_S, sensing) == []
+            assert mover._attempt is not attempt
+    assert len(changes) > 1
+
+
+def test_who_is_carried_off_while_it_thinks_chooses_again() -> None:
+    """Once it has been shown where it is."""
+    mover, sensing = _entered(_last, pace=Pace(1.0))
+    mover.step(0.0, sensing)
+    mover.taken_to(FIRST, 1)
+    assert mover.step(THINK_S, sensing) == []
+    assert (mover.state, mover.due_s) == ("resting", THINK_S + AGAIN_S)
+    sensing.know([PlaceState(SECOND, 1), PlaceState(FIRST, 1, FIRST, 1, [], 1)])
+    mover.dirty = True
+    mover.step(THINK_S, sensing)
+    assert mover.state == "thinking"
+
+
+def test_its_turn_says_which_versions_it_sensed_and_heard() -> None:
+    """Of each place in order, -1 where there is none; registers with the version of the module."""
+    mover, sensing = _of("agv:graph=P3,n=3", choose=lambda _: Choice(note=(4,)))
+    sensing.know([PlaceState(SECOND, 3, SECOND, 1, [8], 5), PlaceState(THIRD, 2)])
+    ((_, asked),) = mover.step(0.0, sensing)
+    (turn,) = mover.turns
+    assert (turn.sensed, turn.received) == ([3, -1], [(3, 5), (2, 0)])
+    assert (turn.module, turn.epoch, turn.turn, turn.action, turn.note) == (0, 1, 1, 0, [4])
+    assert isinstance(asked, Attempt)
+    assert (asked.epoch, asked.number, asked.turn, asked.site) == (1, 1, 1, FIRST)
 
 
 def test_what_it_relied_on_is_in_its_turn() -> None:
