@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from msgspec.structs import replace as replaced
 
 from cubepath.agents.keepers.journal import MemoryJournal
@@ -10,6 +11,7 @@ from cubepath.agents.keepers.keeper import (
     ABORTED,
     FETCH_MAX,
     LEASE_TICKS,
+    LEASE_TICKS_MAX,
     REMIND_TICKS,
     SETTLE_TICKS,
     Keeper,
@@ -150,6 +152,86 @@ def test_who_came_first_is_served_first() -> None:
     assert [part.attempt.module for part in parts if isinstance(part, Forwarded)] == [1]
     assert not keeper._waiting
     assert not pair.keepers[0]._waiting
+
+
+def _crowded() -> Keeper:
+    """Return the first keeper of three modules that all want the hub; the first is prepared."""
+    scene = replace(scene_from_spec("agv:graph=S3,n=3"), start=(1, 2, 3), goal=None, goals=())
+    keeper = Keeper(0, scene, Dealt(scene.system, {0: 0, 1: 1, 2: 1, 3: 1}), MemoryJournal())
+    keeper.ask(0, attempt(0))
+    return keeper
+
+
+def test_who_asks_again_keeps_its_place_in_the_line() -> None:
+    """It does not begin to wait anew."""
+    keeper = _crowded()
+    for module in (1, 2, 1, 2, 1):
+        keeper.ask(module, attempt(module))
+    assert list(keeper._waiting) == [1, 2]
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    assert (list(keeper._prepared), list(keeper._waiting)) == ([1], [2])
+
+
+def test_no_more_than_so_many_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who finds no room is not answered, and asks again."""
+    monkeypatch.setattr("cubepath.agents.keepers.keeper.WAITING_MAX", 1)
+    keeper = _crowded()
+    for module in (1, 2):
+        keeper.ask(module, attempt(module))
+    assert list(keeper._waiting) == [1]
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    keeper.ask(2, attempt(2))
+    assert list(keeper._waiting) == [2]
+
+
+def test_who_waits_with_an_attempt_that_is_outdated_is_not_taken_up() -> None:
+    """A later one was forbidden meanwhile, so the module has long gone on."""
+    keeper = _crowded()
+    keeper.ask(1, attempt(1))
+    keeper.hear(1, Inquiry(1, 0, 2))
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    assert not keeper._waiting
+    assert not keeper._prepared
+
+
+def test_a_keeper_says_what_it_has_to_do() -> None:
+    """The attempts that wait first, then those that are prepared, then what is not settled."""
+    pair = Pair()
+    states = [[keeper.state for keeper in pair.keepers]]
+
+    def told(me: int, part: Any) -> list[Any]:
+        found = pair.ask(me, part) if isinstance(part, Attempt) else pair.hear(me, part)
+        states.append([keeper.state for keeper in pair.keepers])
+        return found
+
+    (passed,) = told(0, attempt(0))
+    told(0, attempt(0, 2))
+    decision = told(1, passed)[0]
+    told(0, decision)
+    (settled,) = pair.ticks(0, SETTLE_TICKS)
+    told(1, settled)
+    assert states == [
+        ["idle", "idle"],
+        ["prepared", "idle"],
+        ["waiting", "idle"],
+        ["waiting", "settling"],
+        ["settling", "settling"],
+        ["idle", "idle"],
+    ]
+
+
+def test_what_is_acknowledged_goes_with_what_is_sent_anyway() -> None:
+    """And what is owed after that waits as long as ever."""
+    pair = Pair()
+    (passed,) = pair.ask(0, attempt(0))
+    decision, settled = pair.hear(1, passed)[0], Settled(0, 0, 1)
+    pair.hear(0, decision)
+    assert pair.ticks(0, SETTLE_TICKS - 1) == []
+    assert pair.hear(0, Inquiry(1, 0, 9)) == [Decision(1, 0, 9, reason=ABORTED), settled]
+    for _ in range(2):
+        pair.hear(0, decision)
+        assert pair.ticks(0, SETTLE_TICKS - 1) == []
+        assert pair.ticks(0, 1) == [settled]
 
 
 def test_an_attempt_that_comes_late_is_not_waited_with() -> None:
@@ -336,8 +418,8 @@ def test_commits_are_fetched_some_at_a_time() -> None:
         site = target
     assert not keeper.busy, "nobody else has to learn of them"
     keeper.outgoing()
-    keeper.fetch(0)
-    keeper.fetch(FETCH_MAX)
+    keeper.fetch(0, 0)
+    keeper.fetch(FETCH_MAX, 0)
     first, rest = keeper.outgoing()
     assert isinstance(first, CommitLog)
     assert isinstance(rest, CommitLog)
@@ -394,6 +476,21 @@ def test_a_lease_is_short_again_after_another_outcome() -> None:
     pair.hear(0, Decision(0, 0, 2, reason="no"))
     pair.ask(0, attempt(0, 3))
     assert pair.ticks(0, LEASE_TICKS) == [Inquiry(0, 0, 3)]
+
+
+def test_leases_double_up_to_a_limit() -> None:
+    """With each attempt of a module that is given up, and with each inquiry."""
+    pair = Pair()
+    due = LEASE_TICKS
+    for number in range(1, 8):
+        pair.ask(0, attempt(0, number))
+        assert pair.ticks(0, due - 1) == []
+        pair.hear(0, Decision(0, 0, number, reason=ABORTED))
+        due = min(2 * due, LEASE_TICKS_MAX)
+    pair.ask(0, attempt(0, 8))
+    for _ in range(2):
+        assert pair.ticks(0, LEASE_TICKS_MAX - 1) == []
+        assert pair.ticks(0, 1) == [Inquiry(0, 0, 8)]
 
 
 def test_the_next_attempt_waits_until_the_last_one_is_decided_here_too() -> None:
