@@ -233,6 +233,7 @@ def test_a_move_of_a_schedule_waits_for_those_before_it(
         assert keeper == 0
         assert isinstance(asked, Attempt)
         assert (asked.generator, asked.at) == (own.placed.generator, own.placed.at)
+        assert (asked.epoch, asked.number, asked.turn, asked.site) == (1, 1, 1, SECOND)
         assert asked.after == after
 
 
@@ -327,6 +328,29 @@ def test_it_asks_every_keeper_for_its_place_until_one_answers() -> None:
         assert mover.due_s == now_s + min(AGAIN_S * 2**times, AGAIN_S_MAX)
         assert mover.step(now_s, sensing) == []
         now_s = mover.due_s
+
+
+def test_it_does_not_take_another_module_for_itself() -> None:
+    """One that stood where it is now, and has moved as often as it."""
+    mover, sensing = _entered(_last)
+    sensing.know([PlaceState(THIRD, 1, THIRD, 2, [], 1)])
+    mover.taken_to(THIRD, 1)
+    assert mover.step(0.0, sensing) == []
+    assert not mover.turns
+    sensing.know([PlaceState(THIRD, 3, THIRD, 1, [], 1), PlaceState(SECOND, 1)])
+    assert len(mover.step(mover.due_s, sensing)) == 1
+
+
+def test_what_is_near_are_places() -> None:
+    """Nothing is shown of obstacles, so it does not wait for that."""
+    scene = scene_from_spec("sliding:n=2")
+    system, tiles = scene.system, Tiles(scene.system, 1)
+    mover = Mover(scene, tiles, RANDOM, 0, incarnation=1, seed=1)
+    place = system.place_of(mover.site)
+    around = {place, *system.sensed(place), *system.reach(place)}
+    assert around & system.filled
+    assert mover.near == around - system.filled - {None}
+    assert mover.needs == {tiles.tile_of(each) for each in mover.near}
 
 
 def test_it_does_not_choose_before_its_own_change_is_shown() -> None:

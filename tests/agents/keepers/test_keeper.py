@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace as replaced
 
-from cubepath.agents.keepers.journal import MemoryJournal
+from cubepath.agents.keepers.journal import JoinedRecord, MemoryJournal
 from cubepath.agents.keepers.keeper import (
     ABORTED,
     FETCH_MAX,
@@ -16,6 +16,7 @@ from cubepath.agents.keepers.keeper import (
     SETTLE_TICKS,
     Keeper,
 )
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
@@ -447,7 +448,7 @@ def test_registers_are_exchanged_at_once() -> None:
     pair.hear(0, decision)
     notes = [pair.keepers[0].units.occupant(1), pair.keepers[1].units.occupant(2)]
     assert [each.note for each in notes if each is not None] == [[5], [7]]
-    assert [each.version for each in notes if each is not None] == [1, 1]
+    assert [(each.version, each.number) for each in notes if each is not None] == [(1, 1), (1, 0)]
     (refused,) = pair.ask(0, Attempt(0, 0, 3, 0, 1, notes=[(1, [6], [7])]))
     assert refused.reason == "the register at 1 is [5], [6] was sensed"
     assert not pair.keepers[0]._shared
@@ -505,27 +506,86 @@ def test_the_next_attempt_waits_until_the_last_one_is_decided_here_too() -> None
     assert told[1] == refusal
 
 
+class Row:
+    """The first keeper of three vehicles on a path, of which the second has the first place."""
+
+    def __init__(self) -> None:
+        self.scene = replace(
+            scene_from_spec("agv:graph=P5,n=3"), start=(0, 2, 3), goal=None, goals=()
+        )
+        tiles = Dealt(self.scene.system, {0: 1, 1: 0, 2: 0, 3: 0, 4: 0})
+        self.keeper = Keeper(0, self.scene, tiles, MemoryJournal())
+
+    def go(
+        self, module: int, source: int, target: int, guard: Any = None, number: int = 1
+    ) -> list[Decision]:
+        """Let a vehicle ask to go to a vertex next to it; return what modules are told."""
+        moves = self.scene.system.moves(source)
+        (move,) = [each for each in moves if each is not None and each.target == target]
+        guards = [] if guard is None else [guard]
+        sensed = sorted([(source, source), (target, None), *guards], key=lambda pair: pair[0])
+        made = Attempt(module, 0, number, 0, source, move.generator, move.at, [*sensed])
+        self.keeper.ask(module, made)
+        return self.told()
+
+    def told(self) -> list[Decision]:
+        """Return what modules are told."""
+        replies = [each for each in self.keeper.outgoing() if isinstance(each, Replies)]
+        return [part for each in replies for part in each.parts if isinstance(part, Decision)]
+
+
 def test_who_waits_is_not_overtaken_by_who_conflicts_with_it_alone() -> None:
     """A guard of what it will write waits behind it."""
-    row = replace(scene_from_spec("agv:graph=P5,n=3"), start=(0, 2, 3), goal=None, goals=())
-    tiles = Dealt(row.system, {0: 1, 1: 0, 2: 0, 3: 0, 4: 0})
-    keeper = Keeper(0, row, tiles, MemoryJournal())
-
-    def go(module: int, source: int, target: int, *guards: tuple[int, int]) -> None:
-        (move,) = [e for e in row.system.moves(source) if e is not None and e.target == target]
-        sensed = sorted([(source, source), (target, None), *guards], key=lambda pair: pair[0])
-        keeper.ask(module, Attempt(module, 0, 1, 0, source, move.generator, move.at, list(sensed)))
-
-    go(0, 0, 1)
-    go(1, 2, 1)
-    go(2, 3, 4, (2, 2))
-    assert list(keeper._waiting) == [1, 2]
-    assert keeper.commits == 0
-    keeper.outgoing()
-    keeper.hear(1, Decision(0, 0, 1, reason="no"))
-    told = [part for each in keeper.outgoing() if isinstance(each, Replies) for part in each.parts]
-    assert [(each.module, each.reason) for each in told if isinstance(each, Decision)] == [
+    row = Row()
+    row.go(0, 0, 1)
+    row.go(1, 2, 1)
+    row.go(2, 3, 4, (2, 2))
+    assert list(row.keeper._waiting) == [1, 2]
+    assert row.keeper.commits == 0
+    row.keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    assert [(each.module, each.reason) for each in row.told()] == [
         (0, "no"),
         (1, ""),
         (2, "2 shows None, 2 was sensed"),
     ]
+
+
+def test_who_waited_for_what_is_replaced_is_taken_up() -> None:
+    """A later epoch of that module wants something else."""
+    row = Row()
+    row.go(0, 0, 1)
+    row.go(1, 2, 1)
+    row.go(2, 3, 4, (2, 2))
+    row.keeper.ask(1, EnterRequest(1, 1))
+    row.keeper.ask(1, Attempt(1, 1, 1, 0, 2, notes=[(2, [], [5])]))
+    assert [(each.module, each.epoch, each.reason) for each in row.told()] == [
+        (1, 1, ""),
+        (2, 0, ""),
+    ]
+    assert not row.keeper._waiting
+
+
+def test_a_commit_says_what_it_relied_on() -> None:
+    """The version of each unit that is written or guarded, how often it was read, and its level."""
+    row = Row()
+    row.go(2, 3, 4)
+    ((first,), (second,)) = (
+        row.go(1, 2, 3, (1, None), number=1),
+        row.go(1, 3, 2, (4, 4), number=2),
+    )
+    assert first.commit is not None
+    assert second.commit is not None
+    assert (first.commit.written, first.commit.guarded) == ([(2, 0, 0), (3, 1, 0)], [(1, 0)])
+    assert (second.commit.written, second.commit.guarded) == ([(2, 1, 0), (3, 2, 0)], [(4, 1)])
+    assert (first.commit.level, second.commit.level) == (2, 3)
+    occupant = row.keeper.units.occupant(2)
+    assert occupant is not None
+    assert (occupant.module, occupant.number, occupant.version) == (1, 2, 2)
+
+
+def test_records_that_cannot_follow_those_before_are_refused() -> None:
+    """As those of another run, whose module was never here."""
+    journal = MemoryJournal()
+    journal.append(JoinedRecord(EnterRequest(0, 1)))
+    with pytest.raises(InputError, match=r"log of keeper_1 cannot follow the .* \(KeyError\)"):
+        Keeper(1, STAR, TILES, journal)

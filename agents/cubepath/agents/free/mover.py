@@ -5,7 +5,7 @@ knows the result. It acts only through the PettingZoo observation, mask and acti
 it when something that it senses may have changed, or when a timer is due.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any, Literal, TypeAlias
@@ -293,9 +293,12 @@ class Mover:
         occupants: dict[Site, Site] = {}
         sensed = []
         for near in system.sensed(place):
-            known = None if near is None else sensing.place(near)
-            sensed.append(-1 if known is None else known.version)
-            if near is not None and known is not None and known.site is not None:
+            if near is None:
+                sensed.append(-1)
+                continue
+            known = sensing.place(near)
+            sensed.append(known.version)
+            if known.site is not None:
                 occupants[near] = known.site
         own = sensing.place(place)
         notes: dict[Site, tuple[int, ...]] = {}
@@ -322,21 +325,30 @@ class Mover:
             choice = actor.act(observation)
         except RuleError as error:
             choice = Choice(failed=str(error))
-        attempt = attempt_of(
-            system,
+        attempt = self._attempt_of(choice, occupants, notes, own.note)
+        self._on_record(choice, sensed, heard, attempt)
+        return attempt
+
+    def _attempt_of(
+        self,
+        choice: Choice,
+        occupants: Mapping[Site, Site],
+        notes: Mapping[Site, tuple[int, ...]],
+        register: tuple[int, ...],
+    ) -> Attempt | None:
+        return attempt_of(
+            self._system,
             self._tiles,
             module=self.module,
             epoch=self._epoch,
             number=self._number + 1,
             turn=self._turn,
             site=self.site,
-            occupants={**occupants, place: self.site},
+            occupants=occupants,
             notes=notes,
-            register=own.note,
+            register=register,
             choice=choice,
         )
-        self._on_record(choice, sensed, heard, attempt)
-        return attempt
 
     def _is_note(self, note: Sequence[int]) -> bool:
         """Return whether its rule can take a note; keepers hold whatever a process has written."""
@@ -381,19 +393,8 @@ class Mover:
             for near in self._system.sensed(self._system.place_of(self.site))
             if near is not None and (on := sensing.place(near).site) is not None
         }
-        attempt = attempt_of(
-            self._system,
-            self._tiles,
-            module=self.module,
-            epoch=self._epoch,
-            number=self._number + 1,
-            turn=self._turn,
-            site=self.site,
-            occupants=shown,
-            notes={},
-            register=(),
-            choice=Choice(self._system.moves(self.site).index(move) + 1),
-        )
+        choice = Choice(self._system.moves(self.site).index(move) + 1)
+        attempt = self._attempt_of(choice, shown, {}, ())
         return None if attempt is None else replace(attempt, after=due.after)
 
     def _ready(self, due: OwnMove, sensing: Sensing) -> bool:

@@ -256,7 +256,6 @@ class Keeper:
             return
         waiting = self._waiting.get(attempt.module)
         if waiting is not None and mine <= name_of(waiting.passed.attempt)[1:]:
-            self._go_on()  # the process that it waited for may have been replaced meanwhile
             return
         try:
             plan = attempts.planned(self._system, self._tiles, attempt)
