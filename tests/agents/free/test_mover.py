@@ -120,7 +120,7 @@ def test_a_register_that_is_no_note_of_the_rule_is_not_heard() -> None:
         return 0
 
     scene = scene_from_spec("agv:graph=P3,n=3")
-    free = FreeRule("it relies on nothing", lambda _: choose, lambda _: 2)
+    free = FreeRule("it relies on nothing", lambda _: choose, lambda modules: modules - 1)
     mover = Mover(
         scene, Tiles(scene.system, 1), replace(RANDOM, free=free), 1, incarnation=1, seed=1
     )
@@ -390,14 +390,12 @@ def test_a_register_that_changes_while_it_thinks_lets_it_choose_again() -> None:
     assert [turn.number for turn in mover.turns] == [1, 2, 2]
 
 
-def _of(
-    spec: str, module: int = 0, choose: Any = _last, pace: Pace = AT_ONCE
-) -> tuple[Mover, Sensing]:
+def _of(spec: str, module: int = 0, choose: Any = _last, **other: Any) -> tuple[Mover, Sensing]:
     """Return a module of a scene that has entered, and senses all at the start."""
     scene = scene_from_spec(spec)
     rule = replace(RANDOM, free=FreeRule("it relies on nothing", lambda _: choose, lambda _: 1))
     tiles = Tiles(scene.system, 1)
-    mover = Mover(scene, tiles, rule, module, incarnation=1, seed=1, pace=pace)
+    mover = Mover(scene, tiles, rule, module, incarnation=1, seed=1, **other)
     sensing = Sensing(scene.system, tiles)
     sensing.need(mover.needs, 0.0)
     for tile in mover.needs:
@@ -408,10 +406,32 @@ def _of(
     return mover, sensing
 
 
-@pytest.mark.parametrize(
+KINDS = pytest.mark.parametrize(
     ("spec", "module"),
     [("hex:n=4", 0), ("agv-labelled:graph=P3,n=2", 1), ("words:presentation=free2", 1)],
 )
+
+
+@KINDS
+def test_a_move_of_a_schedule_is_attempted_as_one_of_a_rule(spec: str, module: int) -> None:
+    """With the same sensed; one that begins elsewhere, or is not possible now, is not."""
+    mover, sensing = _of(spec, module)
+    ((_, chosen),) = mover.step(0.0, sensing)
+    assert isinstance(chosen, Attempt)
+    assert chosen.generator is not None
+    on = {*mover._scene.start} | mover._system.filled
+    moves = [each for each in mover._system.moves(mover.site) if each is not None]
+    asks = {(each.generator, each.at): each.possible(on) for each in moves}
+    asks[chosen.generator, "elsewhere"] = False
+    for placed, possible in asks.items():
+        mover, sensing = _of(spec, module, own=[OwnMove(GeneratorPlacement(*placed), [])])
+        found = mover.step(0.0, sensing)
+        assert len(found) == possible
+        if placed == (chosen.generator, chosen.at):
+            assert found == [(0, chosen)]
+
+
+@KINDS
 def test_any_unit_that_changes_while_it_thinks_lets_it_choose_again(spec: str, module: int) -> None:
     """Whatever a unit of the system is; if none does, it attempts what it thought of."""
     changes: list[PlaceState | None] = [None]
@@ -545,7 +565,7 @@ def test_a_schedule_needs_no_more_than_what_is_sensed() -> None:
     """Registers within reach tell it nothing, so they need not be shown."""
     (move,) = [each for each in PATH.system.moves(FIRST) if each is not None]
     own = OwnMove(GeneratorPlacement(move.generator, move.at), [])
-    tiles = Dealt(PATH.system, dict.fromkeys(PATH.start, 0))
+    tiles = Dealt(PATH.system, {FIRST: 1, SECOND: 0, THIRD: 0})
     mover = Mover(PATH, tiles, RANDOM, 0, incarnation=1, seed=1, own=[own])
     sensing = Sensing(PATH.system, tiles)
     sensing.need(sorted(mover.needs), 0.0)
@@ -553,6 +573,7 @@ def test_a_schedule_needs_no_more_than_what_is_sensed() -> None:
     for place, parts in ((FIRST, [PlaceState(FIRST, 0, FIRST, 0)]), (SECOND, [])):
         sensing.take(TileUpdate(0, str(place), 0, parts, whole=True), 0.0)
     mover.entered(Entered(1, FIRST, Occupant(0, 1, 1, 0, [], 0)), 0.0)
-    ((_, asked),) = mover.step(0.0, sensing)
+    ((keeper, asked),) = mover.step(0.0, sensing)
+    assert keeper == 0
     assert isinstance(asked, Attempt)
     assert asked.sensed == [(FIRST, FIRST), (SECOND, None)]

@@ -189,8 +189,8 @@ class Mover:
         for module, _, target, version in moved.motion:
             if module == self.module:
                 self.taken_to(target, version)
-        for _, module, version, content in moved.notes:
-            if module == self.module and content is not None:
+        for _, module, version, _ in moved.notes:
+            if module == self.module:
                 self.taken_to(self.site, version)
         self._done += 1
 
