@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace as replaced
 
-from cubepath.agents.keepers.journal import JoinedRecord, MemoryJournal
+from cubepath.agents.keepers.journal import Acknowledged, JoinedRecord, MemoryJournal
 from cubepath.agents.keepers.keeper import (
     ABORTED,
     FETCH_MAX,
@@ -331,9 +331,14 @@ def test_a_commit_is_told_until_it_is_acknowledged() -> None:
     assert pair.hear(0, decision) == []
     assert pair.ticks(0, SETTLE_TICKS) == [settled], "it may have been lost"
     assert pair.keepers[1].busy
+    pair.keepers[1].hear(2, settled)
+    assert pair.keepers[1].busy, "another keeper cannot acknowledge it"
     pair.hear(1, settled)
     pair.hear(1, settled)
     assert not pair.keepers[1].busy
+    assert [each for each in pair.journals[1].records() if isinstance(each, Acknowledged)] == [
+        Acknowledged(0, 0, 0, 1)
+    ]
     pair.crash(1)
     assert not pair.keepers[1].busy
 
