@@ -49,7 +49,7 @@ def attempt(**other: Any) -> Attempt:
         at=MOVE.at,
         sensed=[(cell, cell if cell in HEX.start else None) for cell in SENSED],
         notes=[((1, 0), [5], None), ((2, 0), [6], [7])],
-        after=[((1, 0), 3, 2)],
+        after=[((0, 0), 1, None), ((1, 0), 3, 2)],
     )
     return replace(made, **other)
 
@@ -75,7 +75,7 @@ def test_each_keeper_has_its_share() -> None:
     assert plan.shares[8].notes == (((1, 0), (5,), None),)
     assert plan.shares[1].notes == (((2, 0), (6,), (7,)),)
     assert plan.shares[8].after == (((1, 0), 3, 2),)
-    assert not plan.shares[1].after
+    assert plan.shares[1].after == (((0, 0), 1, None),)
 
 
 def test_the_keepers_of_registers_are_in_the_chain() -> None:
