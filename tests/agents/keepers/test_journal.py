@@ -196,6 +196,14 @@ def test_a_line_with_a_right_checksum_that_is_no_record_is_refused(
         FileJournal(path, opened())
 
 
+def test_a_log_begins_with_the_keeper_that_opened_it(tmp_path: Path) -> None:
+    """Not with a record, whosever that is."""
+    text = b"1 " + msgspec.json.encode(RECORDS[0])
+    (tmp_path / "log").write_bytes(b"%08x %b\n" % (crc32(text), text))
+    with pytest.raises(InputError, match="log: line 1 is a record, expected the keeper that"):
+        FileJournal(tmp_path / "log", opened())
+
+
 OTHERS = (opened(), Compacted(0, UnitsState([], [], [], {}), {}, []), KeptCommit(Commit(*[0] * 7)))
 
 
