@@ -100,9 +100,12 @@ def test_a_record_is_whole_however_little_is_written_at_a_time(
 def test_a_log_has_grown_when_it_is_long_and_has_doubled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Since it was compacted last, if it was."""
+    """Since it was compacted last, if it was; long is more than a mebibyte."""
     path, record, compacted = tmp_path / "log", RECORDS[0], 0
     with FileJournal(path, opened()) as log:
+        for log._log.end, grown in ((1 << 20, False), ((1 << 20) + 1, True)):
+            assert log.grown == grown
+    with FileJournal(path, opened(2)) as log:
         log.append(record)
         long = path.stat().st_size
         monkeypatch.setattr("cubepath.agents.keepers.journal._GROWN_BYTES", long)
