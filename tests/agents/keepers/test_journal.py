@@ -207,7 +207,11 @@ def test_a_log_begins_with_the_keeper_that_opened_it(tmp_path: Path) -> None:
         FileJournal(tmp_path / "log", opened())
 
 
-OTHERS = (opened(), Compacted(0, UnitsState([], [], [], {}), {}, []), KeptCommit(Commit(*[0] * 7)))
+OTHERS = (
+    opened(),
+    Compacted(0, UnitsState([], [], [], {}), {}, []),
+    KeptCommit(Commit(0, 1, 0, 0, 1, 0, 1)),
+)
 
 
 @pytest.mark.parametrize("record", [*RECORDS, *OTHERS], ids=lambda each: type(each).__name__)
