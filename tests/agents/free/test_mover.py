@@ -19,11 +19,12 @@ from cubepath.agents.free.mover import (
     Pace,
 )
 from cubepath.agents.free.sensing import Sensing
-from cubepath.agents.local.observation import View
+from cubepath.agents.local.observation import View, observe
 from cubepath.agents.local.random_streams import HESITATE, PACE, stream
-from cubepath.agents.rules.rule import Choice, FreeRule
+from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.catalogue import GeneratorPlacement
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
@@ -245,11 +246,13 @@ def test_a_schedule_ends_after_its_last_move() -> None:
     _commit(mover, asked, 4)
     sensing.know([PlaceState(SECOND, 1), PlaceState(THIRD, 1, THIRD, 1, [], 1)])
     assert mover.step(9.0, sensing) == []
-    mover, sensing = _entered(own=[_own(THIRD, [])])
-    ((_, asked),) = mover.step(0.0, sensing)
-    assert isinstance(asked, Attempt)
-    _commit(mover, asked, 4, SECOND)  # it was taken back meanwhile
-    sensing.know([PlaceState(SECOND, 1, SECOND, 1, [], 1)])
+    mover, sensing = _entered(own=[_own(THIRD, []), _own(FIRST, [])])
+    for number, target in enumerate((THIRD, FIRST), 1):
+        ((_, asked),) = mover.step(float(number), sensing)
+        assert isinstance(asked, Attempt)
+        assert target in dict(asked.sensed)
+        _commit(mover, asked, 4, SECOND, number)  # it was taken back meanwhile
+        sensing.know([PlaceState(SECOND, number, SECOND, 1, [], number)])
     assert mover.step(9.0, sensing) == []
     assert mover.step(99.0, sensing) == []
 
@@ -432,6 +435,62 @@ def test_a_move_of_a_schedule_is_attempted_as_one_of_a_rule(spec: str, module: i
 
 
 @KINDS
+def test_it_is_shown_what_it_senses_and_its_goals(spec: str, module: int) -> None:
+    """As in a run with rounds, whoever is there."""
+    views: list[View] = []
+
+    def choose(view: View) -> Choice:
+        views.append(view)
+        return Choice()
+
+    mover, sensing = _of(spec, module, choose)
+    mover.step(0.0, sensing)
+    scene = mover._scene
+    expected = observe(
+        scene.system,
+        mover.site,
+        {scene.system.place_of(at): at for at in scene.start},
+        goals=frozenset(scene.goals[module] if scene.goals else ()),
+    )
+    assert views[0].numbers.tolist() == expected["observation"].tolist()
+    assert views[0].mask.tolist() == expected["action_mask"].tolist()
+
+
+def test_its_rule_begins_where_it_enters() -> None:
+    """Which may be anywhere; it fails by name, and that is in its turn."""
+    starts: list[Site] = []
+
+    def make(knowledge: InitialKnowledge) -> Rule:
+        starts.append(knowledge.start)
+
+        def choose(view: View) -> Choice:
+            raise InputError("no idea")
+
+        return choose
+
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing", make))
+    mover = Mover(PATH, PATH_TILES, rule, 1, incarnation=1, seed=1)
+    sensing = Sensing(PATH.system, PATH_TILES)
+    sensing.need(mover.needs, 0.0)
+    for tile in mover.needs:
+        places = [PlaceState(THIRD, 1, THIRD, 1, [], 1)]
+        sensing.take(TileUpdate(0, tile, 0, places, whole=True), 0.0)
+    mover.entered(Entered(1, THIRD, Occupant(1, 1, 1, 0, [], 1)), 0.0)
+    assert mover.step(0.0, sensing) == []
+    assert starts == [THIRD]
+    (turn,) = mover.turns
+    assert turn.failed == "rule 'random', module_1: no idea"
+
+
+def test_what_it_exchanges_is_in_its_turn() -> None:
+    """With the note that it writes itself."""
+    mover, sensing = _entered(lambda _: Choice(note=(7,), exchanges={FIRST: (8,)}), alone=False)
+    mover.step(0.0, sensing)
+    (turn,) = mover.turns
+    assert (turn.note, turn.exchanges) == ([7], [(FIRST, [8])])
+
+
+@KINDS
 def test_any_unit_that_changes_while_it_thinks_lets_it_choose_again(spec: str, module: int) -> None:
     """Whatever a unit of the system is; if none does, it attempts what it thought of."""
     changes: list[PlaceState | None] = [None]
@@ -520,10 +579,11 @@ def test_it_chooses_again_when_something_changes_and_not_before() -> None:
 
 def test_it_thinks_longer_by_its_jitter_and_says_nothing_meanwhile() -> None:
     """By a share that it draws."""
-    mover, sensing = _entered(_last, pace=Pace(1.0, 0.5))
-    assert mover.step(0.0, sensing) == []
-    assert mover.step(THINK_S / 2, sensing) == []
-    assert THINK_S < mover.due_s < 1.5 * THINK_S
+    mover, sensing = _entered(_last, pace=Pace(3.0, 0.5))
+    longer = 1 + 0.5 * stream(1, 1, PACE).fraction()
+    assert mover.step(7.0, sensing) == []
+    assert mover.step(7.0 + THINK_S, sensing) == []
+    assert mover.due_s == pytest.approx(7.0 + 3 * THINK_S * longer)
 
 
 def test_it_hesitates_by_a_stream_of_its_own() -> None:
