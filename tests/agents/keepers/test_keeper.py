@@ -411,6 +411,14 @@ def test_a_tile_is_shown_whole_to_who_looks() -> None:
     assert [each.parts for each in changes] == [[PlaceState(0, 1, 0, 1, [], 1)], [PlaceState(2, 1)]]
 
 
+def test_changes_are_shown_in_the_order_of_tiles() -> None:
+    """Of what is written, and of registers that are exchanged."""
+    keeper = Keeper(0, STAR, Dealt(STAR.system, dict.fromkeys(range(4), 0)), MemoryJournal())
+    keeper.ask(1, attempt(1, notes=[(1, [], [7])]))
+    changes = [each for each in keeper.outgoing() if isinstance(each, TileUpdate)]
+    assert [each.tile for each in changes] == ["0", "1", "2"]
+
+
 def test_commits_are_fetched_some_at_a_time() -> None:
     """The units come with the last of them."""
     keeper = Keeper(0, STAR, Dealt(STAR.system, dict.fromkeys(range(4), 0)), MemoryJournal())
@@ -586,6 +594,31 @@ def test_a_commit_says_what_it_relied_on() -> None:
     occupant = row.keeper.units.occupant(2)
     assert occupant is not None
     assert (occupant.module, occupant.number, occupant.version) == (1, 2, 2)
+
+
+def test_every_keeper_of_a_chain_is_told_until_it_acknowledges() -> None:
+    """Each by itself."""
+    scene = Row().scene
+    tiles = Dealt(scene.system, {0: 0, 1: 0, 2: 1, 3: 2, 4: 2})
+    keepers = [Keeper(me, scene, tiles, MemoryJournal()) for me in range(3)]
+    (move,) = [each for each in scene.system.moves(2) if each is not None and each.target == 1]
+    sensed: list[tuple[Site, Site | None]] = [(1, None), (2, 2), (3, 3)]
+    keepers[0].ask(0, Attempt(1, 0, 1, 0, 2, move.generator, move.at, sensed))
+    for me in (0, 1):
+        (passes,) = keepers[me].outgoing()
+        assert isinstance(passes, Forwards)
+        keepers[me + 1].hear(me, passes.parts[0])
+
+    def told() -> list[int]:
+        return [each.to for each in keepers[2].outgoing() if isinstance(each, Forwards)]
+
+    assert told() == [0, 1]
+    for me in (0, 1):
+        for _ in range(REMIND_TICKS):
+            keepers[2].tick()
+        assert told() == [0, 1][me:]
+        keepers[2].hear(me, Settled(1, 0, 1))
+    assert not keepers[2].busy
 
 
 def test_records_that_cannot_follow_those_before_are_refused() -> None:

@@ -11,7 +11,7 @@ sensed with the present state.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import takewhile
+from itertools import pairwise, takewhile
 from typing import TypeAlias
 
 from msgspec.structs import replace
@@ -262,8 +262,7 @@ class Keeper:
         except attempts.NotAnAttempt:
             self.refused += 1
             return
-        before = plan.chain.index(self.me) if self.me in plan.chain else -1
-        if before < 0 or (plan.chain[before - 1] if before else None) != sender:
+        if (sender, self.me) not in pairwise((None, *plan.chain)):
             self.refused += 1
             return
         pending = _Pending(passed, plan, plan.shares[self.me])
