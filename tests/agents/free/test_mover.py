@@ -200,6 +200,7 @@ def _commit(
         0, 1, 1, 1, asked.number, 1, level, asked.generator, asked.at, motion=motion, notes=notes
     )
     mover.decided(Decision(1, 1, asked.number, commit=moved), 0.0)
+    assert (mover.state, mover.due_s) == ("resting", 0.0)
 
 
 def _own(target: Site, after: list[tuple[Site, int, int | None]]) -> OwnMove:
@@ -621,7 +622,7 @@ def test_an_answer_to_another_incarnation_is_none_to_this_one() -> None:
     assert (before, mover.state) == ("entering", "resting")
 
 
-def test_a_schedule_needs_no_more_than_what_is_sensed() -> None:
+def test_a_schedule_needs_what_is_sensed_and_no_more() -> None:
     """Registers within reach tell it nothing, so they need not be shown."""
     (move,) = [each for each in PATH.system.moves(FIRST) if each is not None]
     own = OwnMove(GeneratorPlacement(move.generator, move.at), [])
@@ -630,10 +631,11 @@ def test_a_schedule_needs_no_more_than_what_is_sensed() -> None:
     sensing = Sensing(PATH.system, tiles)
     sensing.need(sorted(mover.needs), 0.0)
     assert THIRD in mover.near
-    for place, parts in ((FIRST, [PlaceState(FIRST, 0, FIRST, 0)]), (SECOND, [])):
-        sensing.take(TileUpdate(0, str(place), 0, parts, whole=True), 0.0)
     mover.entered(Entered(1, FIRST, Occupant(0, 1, 1, 0, [], 0)), 0.0)
-    ((keeper, asked),) = mover.step(0.0, sensing)
+    for place, parts in ((FIRST, [PlaceState(FIRST, 0, FIRST, 0)]), (SECOND, [])):
+        assert mover.step(mover.due_s, sensing) == []
+        sensing.take(TileUpdate(0, str(place), 0, parts, whole=True), 0.0)
+    ((keeper, asked),) = mover.step(mover.due_s, sensing)
     assert keeper == 0
     assert isinstance(asked, Attempt)
     assert asked.sensed == [(FIRST, FIRST), (SECOND, None)]
