@@ -411,6 +411,28 @@ def test_a_tile_is_shown_whole_to_who_looks() -> None:
     assert [each.parts for each in changes] == [[PlaceState(0, 1, 0, 1, [], 1)], [PlaceState(2, 1)]]
 
 
+def test_how_often_units_were_read_is_shown_if_it_is_to_be() -> None:
+    """As the moves of a schedule wait for."""
+    for tell_reads in (False, True):
+        keeper = Keeper(1, STAR, TILES, MemoryJournal(), tell_reads=tell_reads)
+        keeper.ask(1, attempt(1))
+        changes = [each for each in keeper.outgoing() if isinstance(each, TileUpdate)]
+        reads = [part.reads for each in changes for part in each.parts]
+        assert reads == ([[(0, 1, 0)], [(2, 1, 0)]] if tell_reads else [[], []])
+
+
+def test_an_attempt_stays_prepared_whatever_is_decided_of_another() -> None:
+    """Of a later one of its module, also after a crash."""
+    pair = Pair()
+    pair.ask(0, attempt(0))
+    decision = Decision(0, 0, 2, reason=ABORTED)
+    assert pair.hear(0, Inquiry(0, 0, 2)) == [decision]
+    for _ in range(2):
+        pair.hear(0, decision)
+        assert [each.passed.attempt.number for each in pair.keepers[0]._prepared.values()] == [1]
+        pair.crash(0)
+
+
 def test_changes_are_shown_in_the_order_of_tiles() -> None:
     """Of what is written, and of registers that are exchanged."""
     keeper = Keeper(0, STAR, Dealt(STAR.system, dict.fromkeys(range(4), 0)), MemoryJournal())
