@@ -347,6 +347,12 @@ def test_a_log_is_opened_by_later_incarnations_alone(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="log: has 2 commits, expected the 3 that were heard of"):
         FileJournal(path, opened(3), commits=3)
     assert path.read_bytes() == before
+    with FileJournal(path, opened(3)) as journal:
+        journal.append(opened(3))
+    with pytest.raises(
+        InputError, match="log: line 9 opens it in incarnation 3, expected one after 3"
+    ):
+        FileJournal(path, opened(4))
 
 
 def test_a_commit_that_was_changed_since_is_noticed(tmp_path: Path) -> None:
