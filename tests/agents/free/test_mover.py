@@ -280,8 +280,8 @@ def test_who_stays_again_and_again_rests_longer_and_longer() -> None:
 
 def test_who_is_refused_again_and_again_tries_less_and_less_often() -> None:
     """It draws the time from a range that doubles; no news wake it sooner. A commit ends that."""
-    mover, sensing = _entered(_last)
-    pace, now_s = stream(1, 1, PACE), 5.0
+    mover, sensing = _entered(_last, seed=5)
+    pace, now_s = stream(5, 1, PACE), 5.0
     for number in range(1, 12):
         ((_, asked),) = mover.step(now_s, sensing)
         assert isinstance(asked, Attempt)
@@ -538,6 +538,9 @@ def test_its_turn_says_which_versions_it_sensed_and_heard() -> None:
     assert (turn.module, turn.epoch, turn.turn, turn.action, turn.note) == (0, 1, 1, 0, [4])
     assert isinstance(asked, Attempt)
     assert (asked.epoch, asked.number, asked.turn, asked.site) == (1, 1, 1, FIRST)
+    mover, sensing = _of("agv:graph=S4,n=2", 1)
+    mover.step(0.0, sensing)
+    assert mover.turns[0].sensed == [0, -1, -1, -1]
 
 
 def test_what_it_relied_on_is_in_its_turn() -> None:
@@ -567,8 +570,9 @@ def test_it_chooses_again_when_something_changes_and_not_before() -> None:
         assert mover.step(0.0, sensing) == []
         assert len(asked) == 1
     mover.dirty = True
-    mover.step(0.0, sensing)
-    assert len(asked) == 2
+    for _ in range(2):
+        mover.step(0.0, sensing)
+        assert len(asked) == 2
     mover.halted = True
     mover.step(mover.due_s, sensing)
     mover.halted = False
@@ -580,8 +584,8 @@ def test_it_chooses_again_when_something_changes_and_not_before() -> None:
 
 def test_it_thinks_longer_by_its_jitter_and_says_nothing_meanwhile() -> None:
     """By a share that it draws."""
-    mover, sensing = _entered(_last, pace=Pace(3.0, 0.5))
-    longer = 1 + 0.5 * stream(1, 1, PACE).fraction()
+    mover, sensing = _entered(_last, seed=5, pace=Pace(3.0, 0.5))
+    longer = 1 + 0.5 * stream(5, 1, PACE).fraction()
     assert mover.step(7.0, sensing) == []
     assert mover.step(7.0 + THINK_S, sensing) == []
     assert mover.due_s == pytest.approx(7.0 + 3 * THINK_S * longer)
