@@ -54,6 +54,7 @@ _KEPT = (
     "tests/agents/keepers/test_attempts.py",
     "tests/agents/keepers/test_units.py",
     "tests/agents/keepers/test_keeper_exploration.py",
+    "tests/agents/keepers/test_keeper_in_any_order.py",
 )
 _RECORDED = ("tests/coordinator/verification/test_recording.py",)
 MIRRORED: dict[str, tuple[str, ...]] = {

@@ -2,7 +2,8 @@
 
 What nobody runs, or only people read, is left alone: docstrings, annotations, type aliases,
 imports, blocks for type checkers, decorators, texts, and what an error says. An assertion that
-something cannot happen is not taken out either, and a zip stays strict.
+something cannot happen is not taken out either, a zip stays strict, and a struct frozen, which type
+checkers see to.
 """
 
 import ast
@@ -115,7 +116,7 @@ def _is_left_alone(node: ast.AST) -> bool:
             | ast.Assign(targets=[ast.Name(id="__slots__" | "__all__")])
             | ast.If(test=ast.Name(id="TYPE_CHECKING"))
             | ast.Raise(exc=ast.Call(func=ast.Name(id="AssertionError")))
-            | ast.keyword(arg="strict")
+            | ast.keyword(arg="strict" | "frozen")
         ):
             return True
         case _:

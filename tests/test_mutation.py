@@ -88,6 +88,9 @@ def test_what_only_people_and_type_checkers_read_is_left_alone() -> None:
             field: C[3]
             x = f"{a + 1} is too long"
             raise AssertionError("never")
+
+        class Record(msgspec.Struct, frozen=True):
+            number: int
     """
     assert changes(source) == []
 

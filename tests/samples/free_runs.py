@@ -123,7 +123,7 @@ class FreeRun:
             self._step(acting=False)
         for _ in range(200):  # leases and reminders run out
             self._all(Keeper.tick)
-        self._all(lambda keeper: keeper.fetch(0))
+        self._all(lambda keeper: keeper.fetch(0, 0))
         return self.record
 
     def _all(self, do: Callable[[Keeper], None]) -> None:

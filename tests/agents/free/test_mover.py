@@ -7,13 +7,24 @@ from typing import Any
 import pytest
 
 from cubepath.agents.free.config import OwnMove
-from cubepath.agents.free.mover import AGAIN_S, THINK_S, Mover, Pace
+from cubepath.agents.free.mover import (
+    AGAIN_S,
+    AGAIN_S_MAX,
+    REST_S,
+    REST_S_MAX,
+    RETRY_S,
+    RETRY_S_MAX,
+    THINK_S,
+    Mover,
+    Pace,
+)
 from cubepath.agents.free.sensing import Sensing
-from cubepath.agents.local.observation import View
-from cubepath.agents.local.random_streams import HESITATE, stream
-from cubepath.agents.rules.rule import Choice, FreeRule
+from cubepath.agents.local.observation import View, observe
+from cubepath.agents.local.random_streams import HESITATE, PACE, stream
+from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.catalogue import GeneratorPlacement
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
@@ -110,7 +121,7 @@ def test_a_register_that_is_no_note_of_the_rule_is_not_heard() -> None:
         return 0
 
     scene = scene_from_spec("agv:graph=P3,n=3")
-    free = FreeRule("it relies on nothing", lambda _: choose, lambda _: 2)
+    free = FreeRule("it relies on nothing", lambda _: choose, lambda modules: modules - 1)
     mover = Mover(
         scene, Tiles(scene.system, 1), replace(RANDOM, free=free), 1, incarnation=1, seed=1
     )
@@ -189,6 +200,7 @@ def _commit(
         0, 1, 1, 1, asked.number, 1, level, asked.generator, asked.at, motion=motion, notes=notes
     )
     mover.decided(Decision(1, 1, asked.number, commit=moved), 0.0)
+    assert (mover.state, mover.due_s) == ("resting", 0.0)
 
 
 def _own(target: Site, after: list[tuple[Site, int, int | None]]) -> OwnMove:
@@ -223,6 +235,7 @@ def test_a_move_of_a_schedule_waits_for_those_before_it(
         assert keeper == 0
         assert isinstance(asked, Attempt)
         assert (asked.generator, asked.at) == (own.placed.generator, own.placed.at)
+        assert (asked.epoch, asked.number, asked.turn, asked.site) == (1, 1, 1, SECOND)
         assert asked.after == after
 
 
@@ -234,11 +247,13 @@ def test_a_schedule_ends_after_its_last_move() -> None:
     _commit(mover, asked, 4)
     sensing.know([PlaceState(SECOND, 1), PlaceState(THIRD, 1, THIRD, 1, [], 1)])
     assert mover.step(9.0, sensing) == []
-    mover, sensing = _entered(own=[_own(THIRD, [])])
-    ((_, asked),) = mover.step(0.0, sensing)
-    assert isinstance(asked, Attempt)
-    _commit(mover, asked, 4, SECOND)  # it was taken back meanwhile
-    sensing.know([PlaceState(SECOND, 1, SECOND, 1, [], 1)])
+    mover, sensing = _entered(own=[_own(THIRD, []), _own(FIRST, [])])
+    for number, target in enumerate((THIRD, FIRST), 1):
+        ((_, asked),) = mover.step(float(number), sensing)
+        assert isinstance(asked, Attempt)
+        assert target in dict(asked.sensed)
+        _commit(mover, asked, 4, SECOND, number)  # it was taken back meanwhile
+        sensing.know([PlaceState(SECOND, number, SECOND, 1, [], number)])
     assert mover.step(9.0, sensing) == []
     assert mover.step(99.0, sensing) == []
 
@@ -247,15 +262,99 @@ def _last(view: View) -> Choice:
     return Choice(int(view.mask.nonzero()[0][-1]))
 
 
-def test_its_level_is_the_greatest_of_its_moves() -> None:
-    """A commit that only writes registers has none."""
+def test_who_stays_again_and_again_rests_longer_and_longer() -> None:
+    """Twice as long each time, up to a second, and from the start after an attempt."""
+    stays = [True] * 11 + [False] + [True] * 2
+    mover, sensing = _entered(lambda view: Choice() if stays.pop(0) else _last(view))
+    now_s, rests_s = 7.0, list[float]()
+    while stays:
+        for _, asked in mover.step(now_s, sensing):
+            mover.decided(Decision(1, 1, 1, reason="no"), now_s)
+            assert asked.module == 1
+        rests_s.append(mover.due_s - now_s)
+        now_s = mover.due_s
+    expected = [min(REST_S * 2**times, REST_S_MAX) for times in range(11)]
+    assert rests_s[:11] == pytest.approx(expected)
+    assert rests_s[12:] == pytest.approx([REST_S, 2 * REST_S])
+
+
+def test_who_is_refused_again_and_again_tries_less_and_less_often() -> None:
+    """It draws the time from a range that doubles; no news wake it sooner. A commit ends that."""
+    mover, sensing = _entered(_last, seed=5)
+    pace, now_s = stream(5, 1, PACE), 5.0
+    for number in range(1, 12):
+        ((_, asked),) = mover.step(now_s, sensing)
+        assert isinstance(asked, Attempt)
+        assert asked.number == number
+        mover.decided(Decision(1, 1, number, reason="no"), now_s)
+        waits_s = min(RETRY_S * 2**number, RETRY_S_MAX) * pace.fraction()
+        assert mover.due_s == pytest.approx(now_s + waits_s)
+        mover.dirty = True
+        assert mover.step(now_s + waits_s / 2, sensing) == []
+        now_s = mover.due_s
+    ((_, asked),) = mover.step(now_s, sensing)
+    assert isinstance(asked, Attempt)
+    _commit(mover, asked, 1)
+    sensing.know([PlaceState(SECOND, 1), PlaceState(THIRD, 1, THIRD, 1, [], 1)])
+    mover.due_s, mover.dirty = now_s + 1, True
+    assert len(mover.step(now_s, sensing)) == 1
+
+
+def test_nothing_more_is_an_outcome_once_it_is_fenced_off() -> None:
+    """Not even that very attempt, whose commit a keeper told before it heard of the later epoch."""
+    mover, _, attempt = _pending(1)
+    for reason in ("fenced off: a later epoch has begun", "no"):
+        mover.decided(Decision(0, 1, attempt.number, reason=reason), 0.0)
+        assert (mover.state, mover.due_s) == ("superseded", inf)
+
+
+def test_who_halts_rests_when_its_attempt_is_decided() -> None:
+    """It begins nothing, is not woken for a second, and chooses at once when it continues."""
+    mover, sensing, attempt = _pending(1)
+    mover.halted = True
+    assert not mover.rests
+    mover.decided(Decision(0, 1, attempt.number, reason="no"), 5.0)
+    assert mover.rests
+    for now_s in (5.0, 9.0):
+        assert mover.step(now_s, sensing) == []
+        assert mover.due_s == now_s + REST_S_MAX
+    mover.halted = False
+    assert not mover.rests
+
+
+def test_it_asks_every_keeper_for_its_place_until_one_answers() -> None:
+    """Less and less often, every four seconds at the least."""
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing"))
+    mover = Mover(SCENE, Tiles(SCENE.system, 3), rule, 0, incarnation=4, seed=1)
+    sensing, now_s = Sensing(SCENE.system, TILES), 0.0
+    for times in range(8):
+        assert mover.step(now_s, sensing) == [(me, EnterRequest(0, 4)) for me in range(3)]
+        assert mover.due_s == now_s + min(AGAIN_S * 2**times, AGAIN_S_MAX)
+        assert mover.step(now_s, sensing) == []
+        now_s = mover.due_s
+
+
+def test_it_does_not_take_another_module_for_itself() -> None:
+    """One that stood where it is now, and has moved as often as it."""
     mover, sensing = _entered(_last)
-    for version, level in enumerate((3, 0, 5), 1):
-        asks = mover.step(float(version), sensing)
-        (asked,) = [each for _, each in asks if isinstance(each, Attempt)]
-        _commit(mover, asked, level, SECOND, version)
-        sensing.know([PlaceState(SECOND, version, SECOND, 1, [], version)])
-        assert mover.level == max(3, level)
+    sensing.know([PlaceState(THIRD, 1, THIRD, 2, [], 1)])
+    mover.taken_to(THIRD, 1)
+    assert mover.step(0.0, sensing) == []
+    assert not mover.turns
+    sensing.know([PlaceState(THIRD, 3, THIRD, 1, [], 1), PlaceState(SECOND, 1)])
+    assert len(mover.step(mover.due_s, sensing)) == 1
+
+
+def test_what_is_near_are_places() -> None:
+    """Nothing is shown of obstacles, so it does not wait for that."""
+    scene = scene_from_spec("sliding:n=2")
+    system, tiles = scene.system, Tiles(scene.system, 1)
+    mover = Mover(scene, tiles, RANDOM, 0, incarnation=1, seed=1)
+    place = system.place_of(mover.site)
+    around = {place, *system.sensed(place), *system.reach(place)}
+    assert around & system.filled
+    assert mover.near == around - system.filled - {None}
+    assert mover.needs == {tiles.tile_of(each) for each in mover.near}
 
 
 def test_it_does_not_choose_before_its_own_change_is_shown() -> None:
@@ -295,6 +394,155 @@ def test_a_register_that_changes_while_it_thinks_lets_it_choose_again() -> None:
     assert [turn.number for turn in mover.turns] == [1, 2, 2]
 
 
+def _of(spec: str, module: int = 0, choose: Any = _last, **other: Any) -> tuple[Mover, Sensing]:
+    """Return a module of a scene that has entered, and senses all at the start."""
+    scene = scene_from_spec(spec)
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing", lambda _: choose, lambda _: 1))
+    tiles = Tiles(scene.system, 1)
+    mover = Mover(scene, tiles, rule, module, incarnation=1, seed=1, **other)
+    sensing = Sensing(scene.system, tiles)
+    sensing.need(mover.needs, 0.0)
+    for tile in mover.needs:
+        sensing.take(TileUpdate(0, tile, 0, [], whole=True), 0.0)
+    start = enumerate(scene.start)
+    sensing.know(PlaceState(scene.system.place_of(at), 0, at, n, [n]) for n, at in start)
+    mover.entered(Entered(1, scene.start[module], Occupant(module, 1, 1, 0, [], 0)), 0.0)
+    return mover, sensing
+
+
+KINDS = pytest.mark.parametrize(
+    ("spec", "module"),
+    [("hex:n=4", 0), ("agv-labelled:graph=P3,n=2", 1), ("words:presentation=free2", 1)],
+)
+
+
+@KINDS
+def test_a_move_of_a_schedule_is_attempted_as_one_of_a_rule(spec: str, module: int) -> None:
+    """With the same sensed; one that begins elsewhere, or is not possible now, is not."""
+    mover, sensing = _of(spec, module)
+    ((_, chosen),) = mover.step(0.0, sensing)
+    assert isinstance(chosen, Attempt)
+    assert chosen.generator is not None
+    on = {*mover._scene.start} | mover._system.filled
+    moves = [each for each in mover._system.moves(mover.site) if each is not None]
+    asks = {(each.generator, each.at): each.possible(on) for each in moves}
+    asks[chosen.generator, "elsewhere"] = False
+    for placed, possible in asks.items():
+        mover, sensing = _of(spec, module, own=[OwnMove(GeneratorPlacement(*placed), [])])
+        found = mover.step(0.0, sensing)
+        assert len(found) == possible
+        if placed == (chosen.generator, chosen.at):
+            assert found == [(0, chosen)]
+
+
+@KINDS
+def test_it_is_shown_what_it_senses_and_its_goals(spec: str, module: int) -> None:
+    """As in a run with rounds, whoever is there."""
+    views: list[View] = []
+
+    def choose(view: View) -> Choice:
+        views.append(view)
+        return Choice()
+
+    mover, sensing = _of(spec, module, choose)
+    mover.step(0.0, sensing)
+    scene = mover._scene
+    expected = observe(
+        scene.system,
+        mover.site,
+        {scene.system.place_of(at): at for at in scene.start},
+        goals=frozenset(scene.goals[module] if scene.goals else ()),
+    )
+    assert views[0].numbers.tolist() == expected["observation"].tolist()
+    assert views[0].mask.tolist() == expected["action_mask"].tolist()
+
+
+def test_its_rule_begins_where_it_enters() -> None:
+    """Which may be anywhere; it fails by name, and that is in its turn."""
+    starts: list[Site] = []
+
+    def make(knowledge: InitialKnowledge) -> Rule:
+        starts.append(knowledge.start)
+
+        def choose(view: View) -> Choice:
+            raise InputError("no idea")
+
+        return choose
+
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing", make))
+    mover = Mover(PATH, PATH_TILES, rule, 1, incarnation=1, seed=1)
+    sensing = Sensing(PATH.system, PATH_TILES)
+    sensing.need(mover.needs, 0.0)
+    for tile in mover.needs:
+        places = [PlaceState(THIRD, 1, THIRD, 1, [], 1)]
+        sensing.take(TileUpdate(0, tile, 0, places, whole=True), 0.0)
+    mover.entered(Entered(1, THIRD, Occupant(1, 1, 1, 0, [], 1)), 0.0)
+    assert mover.step(0.0, sensing) == []
+    assert starts == [THIRD]
+    (turn,) = mover.turns
+    assert turn.failed == "rule 'random', module_1: no idea"
+
+
+def test_what_it_exchanges_is_in_its_turn() -> None:
+    """With the note that it writes itself."""
+    mover, sensing = _entered(lambda _: Choice(note=(7,), exchanges={FIRST: (8,)}), alone=False)
+    mover.step(0.0, sensing)
+    (turn,) = mover.turns
+    assert (turn.note, turn.exchanges) == ([7], [(FIRST, [8])])
+
+
+@KINDS
+def test_any_unit_that_changes_while_it_thinks_lets_it_choose_again(spec: str, module: int) -> None:
+    """Whatever a unit of the system is; if none does, it attempts what it thought of."""
+    changes: list[PlaceState | None] = [None]
+    for change in changes:
+        mover, sensing = _of(spec, module, pace=Pace(1.0))
+        system = mover._system
+        mover.step(0.0, sensing)
+        attempt = mover._attempt
+        assert attempt is not None
+        if change is None:
+            for unit, shown in attempt.sensed:
+                place: Site = unit if system.labels else system.place_of(unit)
+                other: Site = (place, 0) if system.labels else unit
+                if place != system.place_of(mover.site):
+                    changes.append(PlaceState(place, 1, None if shown else other, 7))
+            assert mover.step(THINK_S, sensing) == [(0, attempt)]
+        else:
+            sensing.know([change])
+            assert mover.step(THINK_S, sensing) == []
+            assert mover._attempt is not attempt
+    assert len(changes) > 1
+
+
+def test_who_is_carried_off_while_it_thinks_chooses_again() -> None:
+    """Once it has been shown where it is."""
+    mover, sensing = _entered(_last, pace=Pace(1.0))
+    mover.step(0.0, sensing)
+    mover.taken_to(FIRST, 1)
+    assert mover.step(THINK_S, sensing) == []
+    assert (mover.state, mover.due_s) == ("resting", THINK_S + AGAIN_S)
+    sensing.know([PlaceState(SECOND, 1), PlaceState(FIRST, 1, FIRST, 1, [], 1)])
+    mover.dirty = True
+    mover.step(THINK_S, sensing)
+    assert mover.state == "thinking"
+
+
+def test_its_turn_says_which_versions_it_sensed_and_heard() -> None:
+    """Of each place in order, -1 where there is none; registers with the version of the module."""
+    mover, sensing = _of("agv:graph=P3,n=3", choose=lambda _: Choice(note=(4,)))
+    sensing.know([PlaceState(SECOND, 3, SECOND, 1, [8], 5), PlaceState(THIRD, 2)])
+    ((_, asked),) = mover.step(0.0, sensing)
+    (turn,) = mover.turns
+    assert (turn.sensed, turn.received) == ([3, -1], [(3, 5), (2, 0)])
+    assert (turn.module, turn.epoch, turn.turn, turn.action, turn.note) == (0, 1, 1, 0, [4])
+    assert isinstance(asked, Attempt)
+    assert (asked.epoch, asked.number, asked.turn, asked.site) == (1, 1, 1, FIRST)
+    mover, sensing = _of("agv:graph=S4,n=2", 1)
+    mover.step(0.0, sensing)
+    assert mover.turns[0].sensed == [0, -1, -1, -1]
+
+
 def test_what_it_relied_on_is_in_its_turn() -> None:
     """Guards and what it heeds, for those who check its choice."""
 
@@ -322,8 +570,9 @@ def test_it_chooses_again_when_something_changes_and_not_before() -> None:
         assert mover.step(0.0, sensing) == []
         assert len(asked) == 1
     mover.dirty = True
-    mover.step(0.0, sensing)
-    assert len(asked) == 2
+    for _ in range(2):
+        mover.step(0.0, sensing)
+        assert len(asked) == 2
     mover.halted = True
     mover.step(mover.due_s, sensing)
     mover.halted = False
@@ -335,10 +584,11 @@ def test_it_chooses_again_when_something_changes_and_not_before() -> None:
 
 def test_it_thinks_longer_by_its_jitter_and_says_nothing_meanwhile() -> None:
     """By a share that it draws."""
-    mover, sensing = _entered(_last, pace=Pace(1.0, 0.5))
-    assert mover.step(0.0, sensing) == []
-    assert mover.step(THINK_S / 2, sensing) == []
-    assert THINK_S < mover.due_s < 1.5 * THINK_S
+    mover, sensing = _entered(_last, seed=5, pace=Pace(3.0, 0.5))
+    longer = 1 + 0.5 * stream(5, 1, PACE).fraction()
+    assert mover.step(7.0, sensing) == []
+    assert mover.step(7.0 + THINK_S, sensing) == []
+    assert mover.due_s == pytest.approx(7.0 + 3 * THINK_S * longer)
 
 
 def test_it_hesitates_by_a_stream_of_its_own() -> None:
@@ -376,18 +626,20 @@ def test_an_answer_to_another_incarnation_is_none_to_this_one() -> None:
     assert (before, mover.state) == ("entering", "resting")
 
 
-def test_a_schedule_needs_no_more_than_what_is_sensed() -> None:
+def test_a_schedule_needs_what_is_sensed_and_no_more() -> None:
     """Registers within reach tell it nothing, so they need not be shown."""
     (move,) = [each for each in PATH.system.moves(FIRST) if each is not None]
     own = OwnMove(GeneratorPlacement(move.generator, move.at), [])
-    tiles = Dealt(PATH.system, dict.fromkeys(PATH.start, 0))
+    tiles = Dealt(PATH.system, {FIRST: 1, SECOND: 0, THIRD: 0})
     mover = Mover(PATH, tiles, RANDOM, 0, incarnation=1, seed=1, own=[own])
     sensing = Sensing(PATH.system, tiles)
     sensing.need(sorted(mover.needs), 0.0)
     assert THIRD in mover.near
-    for place, parts in ((FIRST, [PlaceState(FIRST, 0, FIRST, 0)]), (SECOND, [])):
-        sensing.take(TileUpdate(0, str(place), 0, parts, whole=True), 0.0)
     mover.entered(Entered(1, FIRST, Occupant(0, 1, 1, 0, [], 0)), 0.0)
-    ((_, asked),) = mover.step(0.0, sensing)
+    for place, parts in ((FIRST, [PlaceState(FIRST, 0, FIRST, 0)]), (SECOND, [])):
+        assert mover.step(mover.due_s, sensing) == []
+        sensing.take(TileUpdate(0, str(place), 0, parts, whole=True), 0.0)
+    ((keeper, asked),) = mover.step(mover.due_s, sensing)
+    assert keeper == 0
     assert isinstance(asked, Attempt)
     assert asked.sensed == [(FIRST, FIRST), (SECOND, None)]

@@ -49,7 +49,7 @@ def attempt(**other: Any) -> Attempt:
         at=MOVE.at,
         sensed=[(cell, cell if cell in HEX.start else None) for cell in SENSED],
         notes=[((1, 0), [5], None), ((2, 0), [6], [7])],
-        after=[((1, 0), 3, 2)],
+        after=[((0, 0), 1, None), ((1, 0), 3, 2)],
     )
     return replace(made, **other)
 
@@ -71,11 +71,11 @@ def test_each_keeper_has_its_share() -> None:
         together = {(False, cell) for cell in (*share.reads, *share.guards)}
         together |= {(True, (1, 0))} if keeper == 8 else set()
         assert share.exclusive == alone
-        assert share.shared == together - alone
+        assert share.shared == together
     assert plan.shares[8].notes == (((1, 0), (5,), None),)
     assert plan.shares[1].notes == (((2, 0), (6,), (7,)),)
     assert plan.shares[8].after == (((1, 0), 3, 2),)
-    assert not plan.shares[1].after
+    assert plan.shares[1].after == (((0, 0), 1, None),)
 
 
 def test_the_keepers_of_registers_are_in_the_chain() -> None:
@@ -86,6 +86,36 @@ def test_the_keepers_of_registers_are_in_the_chain() -> None:
     assert plan.chain == (1, 8) == chain_of(HEX.system, TILES, note)
     assert plan.move is None
     assert plan.motion == ()
+
+
+SQUARES = scene_from_spec("sliding:n=2")
+
+
+def test_what_never_changes_is_in_no_share_but_counts() -> None:
+    """A square slides on a floor of obstacles, which nobody says anything of."""
+    system, tiles = SQUARES.system, Tiles(SQUARES.system, 2)
+    on = {*SQUARES.start, *system.filled}
+    moves = [
+        move
+        for site in SQUARES.start
+        for move in system.moves(site)
+        if move is not None and move.possible(on) and move.action.support & system.filled
+    ]
+    for move in moves:
+        units = [unit for unit in move.action.support if system.has_place(unit)]
+        sensed: list[tuple[Site, Site | None]] = [(at, at if at in on else None) for at in units]
+        made = Attempt(0, 1, 1, 1, move.source, move.generator, move.at, sensed)
+        shares = planned(system, tiles, made).shares.values()
+        assert {*units} == {unit for share in shares for unit, _ in share.sensed}
+    assert moves
+
+
+def test_no_module_stands_in_an_obstacle() -> None:
+    """So none writes into a register there."""
+    (wall, *_) = SQUARES.system.filled
+    written = Attempt(0, 1, 1, 1, wall, notes=[(wall, [], [1])])
+    with pytest.raises(NotAnAttempt, match="attempt of module_0: "):
+        planned(SQUARES.system, Tiles(SQUARES.system, 2), written)
 
 
 FAR: Site = (9, 9)

@@ -1,5 +1,6 @@
 """The log of a keeper: what is read back, and what is refused."""
 
+import os
 import re
 from functools import cache
 from pathlib import Path
@@ -12,16 +13,19 @@ import pytest
 from cubepath.agents.keepers.journal import (
     Acknowledged,
     Committed,
+    Compacted,
     Decided,
     FileJournal,
     JoinedRecord,
     Journal,
+    KeptCommit,
     MemoryJournal,
     Opened,
     Prepared,
     Record,
 )
 from cubepath.agents.keepers.keeper import Keeper
+from cubepath.agents.keepers.units import UnitsState
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.free_messages import Attempt, Commit, Decision, EnterRequest, Forwarded
 from samples.free_runs import FreeRun
@@ -82,6 +86,71 @@ def test_commits_are_read_between_appends(tmp_path: Path) -> None:
             journal.append(RECORDS[2])
 
 
+def test_a_record_is_whole_however_little_is_written_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An operating system may write less than it was given."""
+    real = os.write
+    monkeypatch.setattr(os, "write", lambda file, data: real(file, data[:7]))
+    with FileJournal(tmp_path / "log", opened()) as journal:
+        _filled(journal)
+        assert [*journal.records()] == RECORDS
+
+
+def test_a_log_has_grown_when_it_is_long_and_has_doubled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Since it was compacted last, if it was; long is more than a mebibyte."""
+    path, record, compacted = tmp_path / "log", RECORDS[0], 0
+    with FileJournal(path, opened()) as log:
+        for log._log.end, grown in ((1 << 20, False), ((1 << 20) + 1, True)):
+            assert log.grown == grown
+    with FileJournal(path, opened(2)) as log:
+        log.append(record)
+        long = path.stat().st_size
+        monkeypatch.setattr("cubepath.agents.keepers.journal._GROWN_BYTES", long)
+        for _ in range(20):
+            assert log.grown == (path.stat().st_size > max(long, 2 * compacted))
+            if log.grown:
+                log.compact([record] * 3)
+                compacted = path.stat().st_size
+            log.append(record)
+    assert compacted > long
+
+
+def test_what_is_compacted_takes_the_place_of_all_before(tmp_path: Path) -> None:
+    """Records and commits, in memory and in a file."""
+    memory = MemoryJournal()
+    with FileJournal(tmp_path / "log", opened()) as file:
+        for log in (memory, file):
+            _filled(log)
+            log.compact(iter(RECORDS[4:]))
+            assert [*log.records()] == RECORDS[4:]
+    with pytest.raises(KeyError):
+        memory.commit(1)
+
+
+OPEN = Path("/proc/self/fd")
+
+
+def test_no_file_stays_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a log was closed, refused, or compacted, even in vain."""
+
+    def fails(*_: object) -> None:
+        raise OSError
+
+    before = len([*OPEN.iterdir()])
+    with FileJournal(tmp_path / "log", opened()) as log:
+        log.compact(RECORDS)
+        monkeypatch.setattr(Path, "replace", fails)
+        log.compact(RECORDS)
+        assert len([*OPEN.iterdir()]) == before + 1
+    with pytest.raises(InputError) as kept:
+        FileJournal(tmp_path / "log", opened())
+    assert len([*OPEN.iterdir()]) == before
+    assert "incarnation 1" in str(kept.value)
+
+
 @pytest.mark.slow
 def test_a_line_that_was_cut_off_anywhere_is_no_record(tmp_path: Path) -> None:
     """Also the first one. It is taken off, so what is appended next is whole."""
@@ -130,7 +199,22 @@ def test_a_line_with_a_right_checksum_that_is_no_record_is_refused(
         FileJournal(path, opened())
 
 
-@pytest.mark.parametrize("record", [*RECORDS, opened()], ids=lambda each: type(each).__name__)
+def test_a_log_begins_with_the_keeper_that_opened_it(tmp_path: Path) -> None:
+    """Not with a record, whosever that is."""
+    text = b"1 " + msgspec.json.encode(RECORDS[0])
+    (tmp_path / "log").write_bytes(b"%08x %b\n" % (crc32(text), text))
+    with pytest.raises(InputError, match="log: line 1 is a record, expected the keeper that"):
+        FileJournal(tmp_path / "log", opened())
+
+
+OTHERS = (
+    opened(),
+    Compacted(0, UnitsState([], [], [], {}), {}, []),
+    KeptCommit(Commit(0, 1, 0, 0, 1, 0, 1)),
+)
+
+
+@pytest.mark.parametrize("record", [*RECORDS, *OTHERS], ids=lambda each: type(each).__name__)
 def test_a_field_that_is_none_of_its_kind_is_refused(
     record: Record | Opened, tmp_path: Path
 ) -> None:
@@ -263,6 +347,12 @@ def test_a_log_is_opened_by_later_incarnations_alone(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="log: has 2 commits, expected the 3 that were heard of"):
         FileJournal(path, opened(3), commits=3)
     assert path.read_bytes() == before
+    with FileJournal(path, opened(3)) as journal:
+        journal.append(opened(3))
+    with pytest.raises(
+        InputError, match="log: line 9 opens it in incarnation 3, expected one after 3"
+    ):
+        FileJournal(path, opened(4))
 
 
 def test_a_commit_that_was_changed_since_is_noticed(tmp_path: Path) -> None:

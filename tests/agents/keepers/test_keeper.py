@@ -3,17 +3,20 @@
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from msgspec.structs import replace as replaced
 
-from cubepath.agents.keepers.journal import MemoryJournal
+from cubepath.agents.keepers.journal import Acknowledged, JoinedRecord, MemoryJournal
 from cubepath.agents.keepers.keeper import (
     ABORTED,
     FETCH_MAX,
     LEASE_TICKS,
+    LEASE_TICKS_MAX,
     REMIND_TICKS,
     SETTLE_TICKS,
     Keeper,
 )
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
@@ -152,6 +155,86 @@ def test_who_came_first_is_served_first() -> None:
     assert not pair.keepers[0]._waiting
 
 
+def _crowded() -> Keeper:
+    """Return the first keeper of three modules that all want the hub; the first is prepared."""
+    scene = replace(scene_from_spec("agv:graph=S3,n=3"), start=(1, 2, 3), goal=None, goals=())
+    keeper = Keeper(0, scene, Dealt(scene.system, {0: 0, 1: 1, 2: 1, 3: 1}), MemoryJournal())
+    keeper.ask(0, attempt(0))
+    return keeper
+
+
+def test_who_asks_again_keeps_its_place_in_the_line() -> None:
+    """It does not begin to wait anew."""
+    keeper = _crowded()
+    for module in (1, 2, 1, 2, 1):
+        keeper.ask(module, attempt(module))
+    assert list(keeper._waiting) == [1, 2]
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    assert (list(keeper._prepared), list(keeper._waiting)) == ([1], [2])
+
+
+def test_no_more_than_so_many_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who finds no room is not answered, and asks again."""
+    monkeypatch.setattr("cubepath.agents.keepers.keeper.WAITING_MAX", 1)
+    keeper = _crowded()
+    for module in (1, 2):
+        keeper.ask(module, attempt(module))
+    assert list(keeper._waiting) == [1]
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    keeper.ask(2, attempt(2))
+    assert list(keeper._waiting) == [2]
+
+
+def test_who_waits_with_an_attempt_that_is_outdated_is_not_taken_up() -> None:
+    """A later one was forbidden meanwhile, so the module has long gone on."""
+    keeper = _crowded()
+    keeper.ask(1, attempt(1))
+    keeper.hear(1, Inquiry(1, 0, 2))
+    keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    assert not keeper._waiting
+    assert not keeper._prepared
+
+
+def test_a_keeper_says_what_it_has_to_do() -> None:
+    """The attempts that wait first, then those that are prepared, then what is not settled."""
+    pair = Pair()
+    states = [[keeper.state for keeper in pair.keepers]]
+
+    def told(me: int, part: Any) -> list[Any]:
+        found = pair.ask(me, part) if isinstance(part, Attempt) else pair.hear(me, part)
+        states.append([keeper.state for keeper in pair.keepers])
+        return found
+
+    (passed,) = told(0, attempt(0))
+    told(0, attempt(0, 2))
+    decision = told(1, passed)[0]
+    told(0, decision)
+    (settled,) = pair.ticks(0, SETTLE_TICKS)
+    told(1, settled)
+    assert states == [
+        ["idle", "idle"],
+        ["prepared", "idle"],
+        ["waiting", "idle"],
+        ["waiting", "settling"],
+        ["settling", "settling"],
+        ["idle", "idle"],
+    ]
+
+
+def test_what_is_acknowledged_goes_with_what_is_sent_anyway() -> None:
+    """And what is owed after that waits as long as ever."""
+    pair = Pair()
+    (passed,) = pair.ask(0, attempt(0))
+    decision, settled = pair.hear(1, passed)[0], Settled(0, 0, 1)
+    pair.hear(0, decision)
+    assert pair.ticks(0, SETTLE_TICKS - 1) == []
+    assert pair.hear(0, Inquiry(1, 0, 9)) == [Decision(1, 0, 9, reason=ABORTED), settled]
+    for _ in range(2):
+        pair.hear(0, decision)
+        assert pair.ticks(0, SETTLE_TICKS - 1) == []
+        assert pair.ticks(0, 1) == [settled]
+
+
 def test_an_attempt_that_comes_late_is_not_waited_with() -> None:
     """A later one of its module waits, so this one was decided elsewhere."""
     keeper = Keeper(0, STAR, Dealt(STAR.system, {0: 0, 1: 1, 2: 1, 3: 1}), MemoryJournal())
@@ -248,9 +331,14 @@ def test_a_commit_is_told_until_it_is_acknowledged() -> None:
     assert pair.hear(0, decision) == []
     assert pair.ticks(0, SETTLE_TICKS) == [settled], "it may have been lost"
     assert pair.keepers[1].busy
+    pair.keepers[1].hear(2, settled)
+    assert pair.keepers[1].busy, "another keeper cannot acknowledge it"
     pair.hear(1, settled)
     pair.hear(1, settled)
     assert not pair.keepers[1].busy
+    assert [each for each in pair.journals[1].records() if isinstance(each, Acknowledged)] == [
+        Acknowledged(0, 0, 0, 1)
+    ]
     pair.crash(1)
     assert not pair.keepers[1].busy
 
@@ -323,6 +411,36 @@ def test_a_tile_is_shown_whole_to_who_looks() -> None:
     assert [each.parts for each in changes] == [[PlaceState(0, 1, 0, 1, [], 1)], [PlaceState(2, 1)]]
 
 
+def test_how_often_units_were_read_is_shown_if_it_is_to_be() -> None:
+    """As the moves of a schedule wait for."""
+    for tell_reads in (False, True):
+        keeper = Keeper(1, STAR, TILES, MemoryJournal(), tell_reads=tell_reads)
+        keeper.ask(1, attempt(1))
+        changes = [each for each in keeper.outgoing() if isinstance(each, TileUpdate)]
+        reads = [part.reads for each in changes for part in each.parts]
+        assert reads == ([[(0, 1, 0)], [(2, 1, 0)]] if tell_reads else [[], []])
+
+
+def test_an_attempt_stays_prepared_whatever_is_decided_of_another() -> None:
+    """Of a later one of its module, also after a crash."""
+    pair = Pair()
+    pair.ask(0, attempt(0))
+    decision = Decision(0, 0, 2, reason=ABORTED)
+    assert pair.hear(0, Inquiry(0, 0, 2)) == [decision]
+    for _ in range(2):
+        pair.hear(0, decision)
+        assert [each.passed.attempt.number for each in pair.keepers[0]._prepared.values()] == [1]
+        pair.crash(0)
+
+
+def test_changes_are_shown_in_the_order_of_tiles() -> None:
+    """Of what is written, and of registers that are exchanged."""
+    keeper = Keeper(0, STAR, Dealt(STAR.system, dict.fromkeys(range(4), 0)), MemoryJournal())
+    keeper.ask(1, attempt(1, notes=[(1, [], [7])]))
+    changes = [each for each in keeper.outgoing() if isinstance(each, TileUpdate)]
+    assert [each.tile for each in changes] == ["0", "1", "2"]
+
+
 def test_commits_are_fetched_some_at_a_time() -> None:
     """The units come with the last of them."""
     keeper = Keeper(0, STAR, Dealt(STAR.system, dict.fromkeys(range(4), 0)), MemoryJournal())
@@ -336,8 +454,8 @@ def test_commits_are_fetched_some_at_a_time() -> None:
         site = target
     assert not keeper.busy, "nobody else has to learn of them"
     keeper.outgoing()
-    keeper.fetch(0)
-    keeper.fetch(FETCH_MAX)
+    keeper.fetch(0, 0)
+    keeper.fetch(FETCH_MAX, 0)
     first, rest = keeper.outgoing()
     assert isinstance(first, CommitLog)
     assert isinstance(rest, CommitLog)
@@ -365,7 +483,7 @@ def test_registers_are_exchanged_at_once() -> None:
     pair.hear(0, decision)
     notes = [pair.keepers[0].units.occupant(1), pair.keepers[1].units.occupant(2)]
     assert [each.note for each in notes if each is not None] == [[5], [7]]
-    assert [each.version for each in notes if each is not None] == [1, 1]
+    assert [(each.version, each.number) for each in notes if each is not None] == [(1, 1), (1, 0)]
     (refused,) = pair.ask(0, Attempt(0, 0, 3, 0, 1, notes=[(1, [6], [7])]))
     assert refused.reason == "the register at 1 is [5], [6] was sensed"
     assert not pair.keepers[0]._shared
@@ -396,6 +514,21 @@ def test_a_lease_is_short_again_after_another_outcome() -> None:
     assert pair.ticks(0, LEASE_TICKS) == [Inquiry(0, 0, 3)]
 
 
+def test_leases_double_up_to_a_limit() -> None:
+    """With each attempt of a module that is given up, and with each inquiry."""
+    pair = Pair()
+    due = LEASE_TICKS
+    for number in range(1, 8):
+        pair.ask(0, attempt(0, number))
+        assert pair.ticks(0, due - 1) == []
+        pair.hear(0, Decision(0, 0, number, reason=ABORTED))
+        due = min(2 * due, LEASE_TICKS_MAX)
+    pair.ask(0, attempt(0, 8))
+    for _ in range(2):
+        assert pair.ticks(0, LEASE_TICKS_MAX - 1) == []
+        assert pair.ticks(0, 1) == [Inquiry(0, 0, 8)]
+
+
 def test_the_next_attempt_waits_until_the_last_one_is_decided_here_too() -> None:
     """The module knows what became of it, and this keeper asks."""
     pair = Pair()
@@ -408,27 +541,111 @@ def test_the_next_attempt_waits_until_the_last_one_is_decided_here_too() -> None
     assert told[1] == refusal
 
 
+class Row:
+    """The first keeper of three vehicles on a path, of which the second has the first place."""
+
+    def __init__(self) -> None:
+        self.scene = replace(
+            scene_from_spec("agv:graph=P5,n=3"), start=(0, 2, 3), goal=None, goals=()
+        )
+        tiles = Dealt(self.scene.system, {0: 1, 1: 0, 2: 0, 3: 0, 4: 0})
+        self.keeper = Keeper(0, self.scene, tiles, MemoryJournal())
+
+    def go(
+        self, module: int, source: int, target: int, guard: Any = None, number: int = 1
+    ) -> list[Decision]:
+        """Let a vehicle ask to go to a vertex next to it; return what modules are told."""
+        moves = self.scene.system.moves(source)
+        (move,) = [each for each in moves if each is not None and each.target == target]
+        guards = [] if guard is None else [guard]
+        sensed = sorted([(source, source), (target, None), *guards], key=lambda pair: pair[0])
+        made = Attempt(module, 0, number, 0, source, move.generator, move.at, [*sensed])
+        self.keeper.ask(module, made)
+        return self.told()
+
+    def told(self) -> list[Decision]:
+        """Return what modules are told."""
+        replies = [each for each in self.keeper.outgoing() if isinstance(each, Replies)]
+        return [part for each in replies for part in each.parts if isinstance(part, Decision)]
+
+
 def test_who_waits_is_not_overtaken_by_who_conflicts_with_it_alone() -> None:
     """A guard of what it will write waits behind it."""
-    row = replace(scene_from_spec("agv:graph=P5,n=3"), start=(0, 2, 3), goal=None, goals=())
-    tiles = Dealt(row.system, {0: 1, 1: 0, 2: 0, 3: 0, 4: 0})
-    keeper = Keeper(0, row, tiles, MemoryJournal())
-
-    def go(module: int, source: int, target: int, *guards: tuple[int, int]) -> None:
-        (move,) = [e for e in row.system.moves(source) if e is not None and e.target == target]
-        sensed = sorted([(source, source), (target, None), *guards], key=lambda pair: pair[0])
-        keeper.ask(module, Attempt(module, 0, 1, 0, source, move.generator, move.at, list(sensed)))
-
-    go(0, 0, 1)
-    go(1, 2, 1)
-    go(2, 3, 4, (2, 2))
-    assert list(keeper._waiting) == [1, 2]
-    assert keeper.commits == 0
-    keeper.outgoing()
-    keeper.hear(1, Decision(0, 0, 1, reason="no"))
-    told = [part for each in keeper.outgoing() if isinstance(each, Replies) for part in each.parts]
-    assert [(each.module, each.reason) for each in told if isinstance(each, Decision)] == [
+    row = Row()
+    row.go(0, 0, 1)
+    row.go(1, 2, 1)
+    row.go(2, 3, 4, (2, 2))
+    assert list(row.keeper._waiting) == [1, 2]
+    assert row.keeper.commits == 0
+    row.keeper.hear(1, Decision(0, 0, 1, reason="no"))
+    assert [(each.module, each.reason) for each in row.told()] == [
         (0, "no"),
         (1, ""),
         (2, "2 shows None, 2 was sensed"),
     ]
+
+
+def test_who_waited_for_what_is_replaced_is_taken_up() -> None:
+    """A later epoch of that module wants something else."""
+    row = Row()
+    row.go(0, 0, 1)
+    row.go(1, 2, 1)
+    row.go(2, 3, 4, (2, 2))
+    row.keeper.ask(1, EnterRequest(1, 1))
+    row.keeper.ask(1, Attempt(1, 1, 1, 0, 2, notes=[(2, [], [5])]))
+    assert [(each.module, each.epoch, each.reason) for each in row.told()] == [
+        (1, 1, ""),
+        (2, 0, ""),
+    ]
+    assert not row.keeper._waiting
+
+
+def test_a_commit_says_what_it_relied_on() -> None:
+    """The version of each unit that is written or guarded, how often it was read, and its level."""
+    row = Row()
+    row.go(2, 3, 4)
+    ((first,), (second,)) = (
+        row.go(1, 2, 3, (1, None), number=1),
+        row.go(1, 3, 2, (4, 4), number=2),
+    )
+    assert first.commit is not None
+    assert second.commit is not None
+    assert (first.commit.written, first.commit.guarded) == ([(2, 0, 0), (3, 1, 0)], [(1, 0)])
+    assert (second.commit.written, second.commit.guarded) == ([(2, 1, 0), (3, 2, 0)], [(4, 1)])
+    assert (first.commit.level, second.commit.level) == (2, 3)
+    occupant = row.keeper.units.occupant(2)
+    assert occupant is not None
+    assert (occupant.module, occupant.number, occupant.version) == (1, 2, 2)
+
+
+def test_every_keeper_of_a_chain_is_told_until_it_acknowledges() -> None:
+    """Each by itself."""
+    scene = Row().scene
+    tiles = Dealt(scene.system, {0: 0, 1: 0, 2: 1, 3: 2, 4: 2})
+    keepers = [Keeper(me, scene, tiles, MemoryJournal()) for me in range(3)]
+    (move,) = [each for each in scene.system.moves(2) if each is not None and each.target == 1]
+    sensed: list[tuple[Site, Site | None]] = [(1, None), (2, 2), (3, 3)]
+    keepers[0].ask(0, Attempt(1, 0, 1, 0, 2, move.generator, move.at, sensed))
+    for me in (0, 1):
+        (passes,) = keepers[me].outgoing()
+        assert isinstance(passes, Forwards)
+        keepers[me + 1].hear(me, passes.parts[0])
+
+    def told() -> list[int]:
+        return [each.to for each in keepers[2].outgoing() if isinstance(each, Forwards)]
+
+    assert told() == [0, 1]
+    for me in (0, 1):
+        for _ in range(REMIND_TICKS):
+            keepers[2].tick()
+        assert told() == [0, 1][me:]
+        keepers[2].hear(me, Settled(1, 0, 1))
+    assert not keepers[2].busy
+
+
+def test_records_that_cannot_follow_those_before_are_refused() -> None:
+    """As those of another run, whose module was never here."""
+    journal = MemoryJournal()
+    journal.append(JoinedRecord(EnterRequest(0, 1)))
+    with pytest.raises(InputError, match=r"log of keeper_1 cannot follow the .* \(KeyError\)"):
+        Keeper(1, STAR, TILES, journal)

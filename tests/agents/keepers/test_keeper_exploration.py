@@ -149,9 +149,9 @@ class _Open(Keeper):
     """Lets a module enter while a move of it is under way."""
 
     def _enter(self, process: int, enter: EnterRequest) -> None:
-        locks, self._exclusive = self._exclusive, {}
+        prepared, self._prepared = self._prepared, {}
         super()._enter(process, enter)
-        self._exclusive = locks
+        self._prepared = prepared
 
 
 class _Silent(Keeper):

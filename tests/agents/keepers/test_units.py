@@ -147,7 +147,7 @@ def test_a_move_of_a_schedule_waits_for_its_versions(
 def _agree(run: Together, sites: list[Site]) -> None:
     """Check that keepers show exactly these modules, where they have the places."""
     shown = {
-        module: keeper.units.site_of(module)
+        module: keeper.units.module(module)[0]
         for keeper in run.keepers
         for module in keeper.units.place_of
     }

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import get_args
 
 from cubepath.agents.free.config import HALT_S, FreeProcessConfig
-from cubepath.agents.free.mover import Mover, State, paces
+from cubepath.agents.free.mover import Mover, Pace, State
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import scheduled
@@ -65,7 +65,7 @@ class FreeHostNode(BatchNode):
                 incarnation=config.incarnation,
                 seed=config.seed,
                 hesitate=config.hesitate,
-                pace=paces(config.speeds, config.jitter, module),
+                pace=Pace(config.speeds.get(module, 0.0), config.jitter),
                 own=None if schedule is None else schedule.get(module, []),
             )
             for module in config.modules

@@ -5,18 +5,20 @@ knows the result. It acts only through the PettingZoo observation, mask and acti
 it when something that it senses may have changed, or when a timer is due.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
+
+from msgspec.structs import replace
 
 from cubepath.agents.free.config import OwnMove
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.keepers.attempts import chain_of
-from cubepath.agents.local.observation import STAY, observe
-from cubepath.agents.local.random_streams import HESITATE, PACE, RULE, stream
-from cubepath.agents.rules.actor import Actor, attempt_of
-from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
+from cubepath.agents.local.observation import observe
+from cubepath.agents.local.random_streams import PACE, stream
+from cubepath.agents.rules.actor import Actor, actors_for, attempt_of
+from cubepath.agents.rules.rule import Choice, RuleType
 from cubepath.protocol.core.errors import RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -26,7 +28,6 @@ from cubepath.protocol.wire.free_messages import (
     Decision,
     Entered,
     EnterRequest,
-    TileQuery,
     Turn,
 )
 from cubepath.protocol.wire.keys import Tiles
@@ -40,14 +41,17 @@ RETRY_S, RETRY_S_MAX = 0.002, 0.25
 THINK_S = 0.01
 """What a module of speed 1 that is told to think takes to choose; others as many times longer."""
 
-State = Literal["entering", "resting", "thinking", "pending", "superseded"]
-Ask = tuple[int, Attempt | EnterRequest | TileQuery]
+State: TypeAlias = Literal["entering", "resting", "thinking", "pending", "superseded"]
+Ask: TypeAlias = tuple[int, Attempt | EnterRequest]
 """What is asked of which keeper."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How long a module thinks: this many times `THINK_S`, and longer by a share up to `jitter`."""
+    """How long a module thinks: this many times `THINK_S`, and longer by a share up to `jitter`.
+
+    With a factor of 0 it does not think at all.
+    """
 
     factor: float = 0.0
     jitter: float = 0.0
@@ -74,12 +78,10 @@ class Mover:
         self.site: Site = scene.start[module]
         self.state: State = "entering"
         self.due_s = 0.0
-        self.dirty = True
+        self.dirty = False
         """Whether anything that it senses may have changed since it chose last."""
         self.turns: list[Turn] = []
         """What its rule was asked since this was last taken."""
-        self.level = 0
-        """The greatest level of its moves: how long the best schedule is, as far as it knows."""
         self._scene = scene
         self._system = scene.system
         self._tiles = tiles
@@ -92,13 +94,11 @@ class Mover:
         self._done = 0
         self._again_s = AGAIN_S
         self._rest_s, self._retry_s = REST_S, RETRY_S
-        self._epoch = self._number = self._turn = 0
-        self._version = -1
+        self._epoch = self._number = self._turn = self._version = 0
         self.halted = False
         """Whether it begins nothing new."""
         self._actor: Actor | None = None
         self._attempt: Attempt | None = None
-        self._first = 0
         self._random = stream(seed, module, PACE)
         nothing: frozenset[Any] = frozenset()
         self._near: tuple[Site | None, frozenset[Site], frozenset[str], list[Site]]
@@ -109,7 +109,7 @@ class Mover:
     @property
     def rests(self) -> bool:
         """Return whether it was told to halt, and no attempt of it is pending any more."""
-        return self.halted and self._attempt is None and self.state in ("resting", "superseded")
+        return self.halted and self.state == "resting"
 
     @property
     def near(self) -> frozenset[Site]:
@@ -141,95 +141,73 @@ class Mover:
     def entered(self, answer: Entered, now_s: float) -> None:
         """Take its place again, in a new epoch."""
         occupant = answer.occupant
-        if answer.incarnation != self._incarnation or occupant.epoch < self._epoch:
+        if answer.incarnation != self._incarnation:
             return
-        if occupant.epoch == self._epoch:  # said again, maybe later than what was heard since
-            self.taken_to(answer.site, occupant.version)
-            return
-        fresh = self._epoch == 0
-        self._epoch, self._number = occupant.epoch, occupant.number
         # Where it was shown before this answer came may be later than the answer.
         self.taken_to(answer.site, occupant.version)
-        self._attempt = None
-        self._rests(now_s, 0.0)
-        if fresh:
-            self._turn = 0
-            if self._own is None:
-                self._actor = self._born(answer.site)
+        if self.state != "entering":
+            return  # said again: an incarnation has one epoch
+        self._epoch, self._number = occupant.epoch, occupant.number
+        self._rests(now_s)
+        if self._own is None:
+            (self._actor,) = actors_for(
+                self._scene,
+                self._rule,
+                seed=self._seed,
+                hesitate=self._hesitate,
+                modules=[self.module],
+                sites={self.module: answer.site},
+                clock="free",
+            ).values()
 
-    def _born(self, site: Site) -> Actor:
-        scene = self._scene
-        knowledge = InitialKnowledge(
-            system=self._system,
-            module=self.module,
-            modules=len(scene.start),
-            start=site,
-            goals=scene.goals[self.module] if scene.goals else (),
-            stream=stream(self._seed, self.module, RULE),
-        )
-        doubt = stream(self._seed, self.module, HESITATE) if self._hesitate else None
-        return Actor(self._rule, knowledge, hesitate=self._hesitate, doubt=doubt, clock="free")
-
-    def taken_to(self, site: Site, version: int) -> bool:
-        """Note where keepers show it; return whether that is news."""
-        if version <= self._version:
-            return False
-        self._version = version
-        moved = site != self.site
-        self.site = site
-        return moved
+    def taken_to(self, site: Site, version: int) -> None:
+        """Note where keepers show it, unless something later is known."""
+        if version > self._version:
+            self.site, self._version = site, version
 
     def decided(self, decision: Decision, now_s: float) -> None:
         """Note the result of its attempt."""
-        attempt = self._attempt
-        if attempt is None or self.state != "pending":
-            return
-        if (decision.epoch, decision.number) != (attempt.epoch, attempt.number):
+        attempt = self._attempt if self.state == "pending" else None
+        if attempt is None or (decision.epoch, decision.number) != (attempt.epoch, attempt.number):
             return
         if decision.reason.startswith("fenced"):
             # A later incarnation has taken its place. To enter again would fence that one off in
             # turn, under a number of incarnation that may be given to yet another.
-            self.state, self.due_s = "superseded", inf
+            self.state, self.due_s = "superseded", inf  # so it is never due to ask again
             return
         self._attempt = None
         self._number = decision.number
         if decision.commit is None:
             self._retry_s = min(2 * self._retry_s, RETRY_S_MAX)
-            self._rests(now_s, self._retry_s * self._random.fraction())
+            self._rests(now_s + self._retry_s * self._random.fraction())
             return
-        self._rest_s, self._retry_s = REST_S, RETRY_S
+        self._retry_s = RETRY_S
         self._executed(decision.commit)
-        self._rests(now_s, 0.0)
+        self._rests(now_s)
 
     def _executed(self, moved: Commit) -> None:
-        self.level = max(self.level, moved.level)
         for module, _, target, version in moved.motion:
             if module == self.module:
                 self.taken_to(target, version)
-        for _, module, version, content in moved.notes:
-            if module == self.module and content is not None:
+        for _, module, version, _ in moved.notes:
+            if module == self.module:
                 self.taken_to(self.site, version)
-        if moved.generator is not None:
-            self._done += 1
+        self._done += 1
 
-    def _rests(self, now_s: float, seconds: float) -> None:
-        self.state, self.due_s, self.dirty = "resting", now_s + seconds, True
+    def _rests(self, due_s: float) -> None:
+        self.state, self.due_s = "resting", due_s
 
     # What it does.
 
     def step(self, now_s: float, sensing: Sensing) -> list[Ask]:
         """Do what is to be done now; return what is asked of which keeper."""
-        match self.state:
-            case "entering":
-                return self._enter(now_s)
-            case "pending":
-                return self._ask_again(now_s)
-            case "thinking":
-                return self._thought(now_s, sensing)
-            case "superseded":
-                return []
-            case _:
-                return self._choose(now_s, sensing)
+        if self.state == "entering":
+            return self._enter(now_s)
+        if self._attempt is None:
+            return self._choose(now_s, sensing)
+        if self.state == "thinking":
+            return self._thought(self._attempt, now_s, sensing)
+        return [] if now_s < self.due_s else self._ask(self._attempt, now_s)
 
     def _enter(self, now_s: float) -> list[Ask]:
         if now_s < self.due_s:
@@ -242,48 +220,40 @@ class Mover:
         self.due_s = now_s + self._again_s
         self._again_s = min(2 * self._again_s, AGAIN_S_MAX)
 
-    def _ask_again(self, now_s: float) -> list[Ask]:
-        attempt = self._attempt
-        if attempt is None or now_s < self.due_s:
+    def _thought(self, attempt: Attempt, now_s: float, sensing: Sensing) -> list[Ask]:
+        if now_s < self.due_s and not self.halted:
             return []
-        self._wait_for_answer(now_s)
-        return [(self._first, attempt)]
-
-    def _thought(self, now_s: float, sensing: Sensing) -> list[Ask]:
-        attempt = self._attempt
-        if attempt is None or not (self.halted or now_s >= self.due_s):
-            return []
-        if self.halted:  # it begins nothing new, and this has not begun
+        if self.halted or not self._still(attempt, sensing):
             self._attempt = None
-            self._rests(now_s, 0.0)
-            return self._choose(now_s, sensing)
-        if not self._still(attempt, sensing):
-            self._attempt = None
-            self._rests(now_s, 0.0)
+            self._rests(now_s)
             return self._choose(now_s, sensing)
         return self._send(attempt, now_s)
 
     def _still(self, attempt: Attempt, sensing: Sensing) -> bool:
         """Return whether, as far as it can tell, what it sensed when it began to think holds."""
-        place_of = self._system.place_of
-        if attempt.site != self.site:
-            return False
-        for at, shown in attempt.sensed:
-            place = at if self._system.labels is not None else place_of(at)
-            on = sensing.place(place).site
-            found = on if self._system.labels is not None or on == at else None
-            if found != shown:
-                return False
-        return all(
-            list(sensing.place(place).note) == list(note) for place, note, _ in attempt.notes
+        return (
+            attempt.site == self.site
+            and all(self._shows(unit, sensing) == shown for unit, shown in attempt.sensed)
+            and all(list(sensing.place(place).note) == note for place, note, _ in attempt.notes)
         )
+
+    def _unit_place(self, unit: Site) -> Site:
+        return unit if self._system.labels is not None else self._system.place_of(unit)
+
+    def _shows(self, unit: Site, sensing: Sensing) -> Site | None:
+        """Return the site that is on at a unit, as keepers have shown it."""
+        on = sensing.place(self._unit_place(unit)).site
+        return on if self._system.labels is not None or on == unit else None
 
     def _send(self, attempt: Attempt, now_s: float) -> list[Ask]:
         self.state = "pending"
         self._again_s = AGAIN_S
+        return self._ask(attempt, now_s)
+
+    def _ask(self, attempt: Attempt, now_s: float) -> list[Ask]:
+        """Ask the first of its keepers, for the first time or again."""
         self._wait_for_answer(now_s)
-        self._first = chain_of(self._system, self._tiles, attempt)[0]
-        return [(self._first, attempt)]
+        return [(chain_of(self._system, self._tiles, attempt)[0], attempt)]
 
     def _choose(self, now_s: float, sensing: Sensing) -> list[Ask]:
         """Let the rule choose, if it is due and everything that it senses is known."""
@@ -302,7 +272,7 @@ class Mover:
         self._turn += 1
         attempt = self._own_attempt(sensing) if self._own is not None else self._asked(sensing)
         if attempt is None:
-            self.state, self.due_s = "resting", now_s + self._rest_s
+            self.due_s = now_s + self._rest_s
             self._rest_s = min(2 * self._rest_s, REST_S_MAX)
             return []
         self._rest_s = REST_S
@@ -323,9 +293,12 @@ class Mover:
         occupants: dict[Site, Site] = {}
         sensed = []
         for near in system.sensed(place):
-            known = None if near is None else sensing.place(near)
-            sensed.append(-1 if known is None else known.version)
-            if near is not None and known is not None and known.site is not None:
+            if near is None:
+                sensed.append(-1)
+                continue
+            known = sensing.place(near)
+            sensed.append(known.version)
+            if known.site is not None:
                 occupants[near] = known.site
         own = sensing.place(place)
         notes: dict[Site, tuple[int, ...]] = {}
@@ -352,21 +325,30 @@ class Mover:
             choice = actor.act(observation)
         except RuleError as error:
             choice = Choice(failed=str(error))
-        attempt = attempt_of(
-            system,
+        attempt = self._attempt_of(choice, occupants, notes, own.note)
+        self._on_record(choice, sensed, heard, attempt)
+        return attempt
+
+    def _attempt_of(
+        self,
+        choice: Choice,
+        occupants: Mapping[Site, Site],
+        notes: Mapping[Site, tuple[int, ...]],
+        register: tuple[int, ...],
+    ) -> Attempt | None:
+        return attempt_of(
+            self._system,
             self._tiles,
             module=self.module,
             epoch=self._epoch,
             number=self._number + 1,
             turn=self._turn,
             site=self.site,
-            occupants={**occupants, place: self.site},
+            occupants=occupants,
             notes=notes,
-            register=own.note,
+            register=register,
             choice=choice,
         )
-        self._on_record(choice, sensed, heard, attempt)
-        return attempt
 
     def _is_note(self, note: Sequence[int]) -> bool:
         """Return whether its rule can take a note; keepers hold whatever a process has written."""
@@ -406,52 +388,23 @@ class Mover:
         move = self._system.move_named(self.site, due.placed.generator, due.placed.at)
         if move is None or not self._ready(due, sensing):
             return None
-        place = self._system.place_of(self.site)
         shown = {
             near: on
-            for near in {place, *self._system.sensed(place)}
+            for near in self._system.sensed(self._system.place_of(self.site))
             if near is not None and (on := sensing.place(near).site) is not None
         }
-        action = self._system.moves(self.site).index(move) + 1
-        attempt = attempt_of(
-            self._system,
-            self._tiles,
-            module=self.module,
-            epoch=self._epoch,
-            number=self._number + 1,
-            turn=self._turn,
-            site=self.site,
-            occupants=shown,
-            notes={},
-            register=(),
-            choice=Choice(action if move.possible(_on(shown, self._system.filled)) else STAY),
-        )
-        if attempt is None:
-            return None
-        return Attempt(
-            **{
-                name: getattr(attempt, name)
-                for name in attempt.__struct_fields__
-                if name != "after"
-            },
-            after=due.after,
-        )
+        choice = Choice(self._system.moves(self.site).index(move) + 1)
+        attempt = self._attempt_of(choice, shown, {}, ())
+        return None if attempt is None else replace(attempt, after=due.after)
 
     def _ready(self, due: OwnMove, sensing: Sensing) -> bool:
-        for at, version, reads in due.after:
-            place = at if self._system.labels is not None else self._system.place_of(at)
-            known = {site: (v, r) for site, v, r in sensing.place(place).reads}
-            found, times = known.get(at, (0, 0))
-            if found != version or reads not in (None, times):
-                return False
-        return True
+        return all(
+            found == version and reads in (None, times)
+            for unit, version, reads in due.after
+            for found, times in [self._counts(unit, sensing)]
+        )
 
-
-def _on(shown: dict[Site, Site], filled: Iterable[Site]) -> set[Site]:
-    return {*shown.values(), *filled}
-
-
-def paces(speeds: dict[int, float], jitter: float, module: int) -> Pace:
-    """Return the pace of a module; without its own speed it does not think at all."""
-    factor = speeds.get(module, 0.0)
-    return Pace(factor, jitter if factor else 0.0)
+    def _counts(self, unit: Site, sensing: Sensing) -> tuple[int, int]:
+        """Return how often a unit was written, and how often that was read."""
+        shown = sensing.place(self._unit_place(unit)).reads
+        return {each: (version, reads) for each, version, reads in shown}.get(unit, (0, 0))

@@ -126,10 +126,7 @@ def _planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
         missing = (reads | writes) - sensed.keys()
         if missing:
             raise NotAnAttempt(f"nothing is said of {in_order(missing)[0]!r} in the support")
-        on = {shown for shown in sensed.values() if shown is not None} | (
-            system.filled & move.action.support
-        )
-        if not move.possible(on):
+        if not move.possible({*sensed.values()} | (system.filled & move.action.support)):
             raise NotAnAttempt("the move is not admissible where that was sensed")
     elif sensed:
         raise NotAnAttempt("guards without a move")
@@ -213,6 +210,6 @@ def _share(
         guards=tuple(unit for unit in units if unit not in reads and unit not in writes),
         notes=tuple((place, *notes[place]) for place in in_order(notes)),
         after=tuple((unit, *after[unit]) for unit in units if unit in after),
-        shared=frozenset(shared - exclusive),
+        shared=frozenset(shared),
         exclusive=frozenset(exclusive),
     )

@@ -11,6 +11,7 @@ sensed with the present state.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise, takewhile
 from typing import TypeAlias
 
 from msgspec.structs import replace
@@ -179,7 +180,7 @@ class Keeper:
             case Settled():
                 self._acknowledged(keeper, part)
 
-    def fetch(self, serial: int, recorded: int = 0) -> None:
+    def fetch(self, serial: int, recorded: int) -> None:
         """Tell the coordinator the commits after a serial number.
 
         Those that are in the file of its recording are forgotten when the journal is compacted.
@@ -224,8 +225,10 @@ class Keeper:
     @property
     def state(self) -> str:
         """Return what it has to do: with attempts, else with their results, or ``idle``."""
-        if self._waiting or self._prepared:
-            return "waiting" if self._waiting else "prepared"
+        if self._waiting:
+            return "waiting"
+        if self._prepared:
+            return "prepared"
         return "settling" if self.busy else "idle"
 
     def outgoing(self) -> list[FreeMessage]:
@@ -253,15 +256,13 @@ class Keeper:
             return
         waiting = self._waiting.get(attempt.module)
         if waiting is not None and mine <= name_of(waiting.passed.attempt)[1:]:
-            self._go_on()  # the process that it waited for may have been replaced meanwhile
             return
         try:
             plan = attempts.planned(self._system, self._tiles, attempt)
         except attempts.NotAnAttempt:
             self.refused += 1
             return
-        before = plan.chain.index(self.me) if self.me in plan.chain else -1
-        if before < 0 or (plan.chain[before - 1] if before else None) != sender:
+        if (sender, self.me) not in pairwise((None, *plan.chain)):
             self.refused += 1
             return
         pending = _Pending(passed, plan, plan.shares[self.me])
@@ -286,9 +287,7 @@ class Keeper:
         if (attempt.epoch, attempt.number) != last.id:
             return
         if last.decision is None:
-            pending = self._prepared.get(attempt.module)
-            if pending is not None:
-                self._pass_on(pending)
+            self._pass_on(self._prepared[attempt.module])
         elif sender is None:
             self._tell(passed.process, last.decision)
         else:
@@ -297,14 +296,12 @@ class Keeper:
     def _must_wait(self, pending: _Pending) -> bool:
         """Return whether it conflicts with what is prepared, or came before it."""
         module, share = pending.passed.attempt.module, pending.share
-        if module in self._prepared or self._is_locked(share):
-            return True
-        for other, earlier in self._waiting.items():
-            if other == module:
-                return False
-            if share.conflicts(earlier.share):
-                return True
-        return False
+        earlier = takewhile(lambda other: other != module, self._waiting)
+        return (
+            module in self._prepared
+            or self._is_locked(share)
+            or any(share.conflicts(self._waiting[other].share) for other in earlier)
+        )
 
     def _is_locked(self, share: attempts.Share) -> bool:
         return any(
@@ -372,7 +369,7 @@ class Keeper:
         for place, _, _ in plan.shares[self.me].notes:
             occupant = self.units.occupant(place)
             if occupant is not None:
-                found.append((self.units.site_of(occupant.module), occupant))
+                found.append(self.units.module(occupant.module))
         return found
 
     def _prepare(self, pending: _Pending) -> None:
@@ -514,8 +511,7 @@ class Keeper:
         self._last[module] = _Last(decision.epoch, decision.number, decision)
         del self._prepared[module]
         for lock in share.exclusive:
-            if self._exclusive.get(lock) == module:
-                del self._exclusive[lock]
+            del self._exclusive[lock]
         for lock in share.shared:
             self._shared[lock].pop(module)
             if not self._shared[lock]:
@@ -525,7 +521,7 @@ class Keeper:
     def _go_on(self) -> None:
         """Take up those who waited, in the order in which they came."""
         for module, pending in list(self._waiting.items()):
-            if self._waiting.get(module) is not pending or self._must_wait(pending):
+            if self._must_wait(pending):
                 continue
             del self._waiting[module]
             last = self._last.get(module)
@@ -550,8 +546,9 @@ class Keeper:
         if waiting is not None and name_of(waiting.passed.attempt) == name:
             return
         last = self._last.get(inquiry.module)
-        if last is not None and last.id == name[1:] and last.decision is not None:
-            self._pass(keeper, last.decision)
+        decided = last.decision if last is not None and last.id == name[1:] else None
+        if decided is not None:
+            self._pass(keeper, decided)
             return
         decision = Decision(*name, reason=ABORTED)
         if last is None or last.id < name[1:]:
@@ -566,9 +563,9 @@ class Keeper:
             self._forget(keeper, name_of(settled))
 
     def _forget(self, keeper: int, name: Name) -> None:
-        module, *number = name
-        before = self._settled.get((keeper, module), (0, 0))
-        self._settled[keeper, module] = max(before, (number[0], number[1]))
+        module, epoch, number = name
+        before = self._settled.get((keeper, module), (epoch, number))
+        self._settled[keeper, module] = max(before, (epoch, number))
         unsettled = self._unsettled.get(name)
         if unsettled is not None:
             unsettled.owing.pop(keeper, None)
@@ -582,34 +579,28 @@ class Keeper:
     # Modules that enter, and processes that look.
 
     def _enter(self, process: int, enter: EnterRequest) -> None:
-        place = self.units.place_of.get(enter.module)
-        if place is None:
+        if enter.module not in self.units.place_of:
             return
-        occupant = self.units.occupant(place)
-        lock = True, place
-        if occupant is None or enter.incarnation < occupant.incarnation:
+        _, occupant = self.units.module(enter.module)
+        if enter.incarnation < occupant.incarnation:
             return
-        holders = [self._exclusive.get(lock), *self._shared.get(lock, ())]
-        for module in holders:
-            if module is not None:
+        lock = True, self.units.place_of[enter.module]
+        for pending in self._prepared.values():
+            if lock in pending.share.exclusive or lock in pending.share.shared:
                 # It may be about to move: what became of that comes first.
-                self._inquire(self._prepared[module])
+                self._inquire(pending)
                 return
         if enter.incarnation > occupant.incarnation:
             self._journal.append(JoinedRecord(enter))
             self._be_born(enter)
-        site = self.units.site_of(enter.module)
-        known = self.units.occupant(place)
-        if known is not None:
-            self._tell(process, Entered(enter.incarnation, site, known))
+        self._tell(process, Entered(enter.incarnation, *self.units.module(enter.module)))
 
     def _be_born(self, enter: EnterRequest) -> None:
         self._entered[enter.module] = self._entered.get(enter.module, 0) + 1
-        occupant = self.units.occupant(self.units.place_of[enter.module])
-        if occupant is not None:
-            self.units.replace(
-                replace(occupant, incarnation=enter.incarnation, epoch=occupant.epoch + 1, number=0)
-            )
+        _, occupant = self.units.module(enter.module)
+        self.units.replace(
+            replace(occupant, incarnation=enter.incarnation, epoch=occupant.epoch + 1, number=0)
+        )
 
     def _look(self, look: TileQuery) -> None:
         if not Tiles.is_name(look.tile) or self._tiles.keeper_of_tile(look.tile) != self.me:

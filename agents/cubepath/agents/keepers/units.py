@@ -109,9 +109,9 @@ class Units:
         held = self._occupants.get(place)
         return None if held is None else held[1]
 
-    def site_of(self, module: int) -> Site:
-        """Return the site of a module that is here."""
-        return self._occupants[self.place_of[module]][0]
+    def module(self, module: int) -> tuple[Site, Occupant]:
+        """Return where a module is that is here, and its state."""
+        return self._occupants[self.place_of[module]]
 
     def replace(self, occupant: Occupant) -> None:
         """Change the fence of a module that is here."""
