@@ -355,6 +355,7 @@ KINDS: dict[str, type[Message]] = {
     "summary": Summary,
 }
 
+_NAMES = {kind: name for name, kind in KINDS.items()}
 _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message, dec_hook=site_hook)
 encode = msgspec.json.Encoder().encode
 
@@ -380,5 +381,4 @@ def parts_of(message: Message) -> Sequence[Message]:
 
 def kind_of(message: Message) -> str:
     """Return the name of a message's kind."""
-    tag = message.__struct_config__.tag
-    return str(tag)
+    return _NAMES[type(message)]
