@@ -6,12 +6,10 @@ missed is sent again.
 
 from collections import Counter
 from collections.abc import Iterable
-from functools import lru_cache
 
 from cubepath.agents.processes.judge import Spoken
-from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.keys import key_of
+from cubepath.protocol.wire.keys import key_of, regions_near
 from cubepath.protocol.wire.messages import Bundle, Part, Presence, Verdict, encode
 from cubepath.protocol.wire.nodes import Put
 
@@ -59,7 +57,7 @@ class Outbox:
         self._system = system
         self._run = run
         self._process = process
-        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self._regions_of = regions_near(system)
         self.begin(round_number)
 
     def begin(self, round_number: int) -> None:
@@ -107,9 +105,4 @@ class Outbox:
         if isinstance(part, Verdict):
             return frozenset(system.region(place) for place in part.to)
         place = system.place_of(part.site)
-        return self._regions_of(place, sensed=isinstance(part, Presence))
-
-    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
-        system = self._system
-        places = system.listeners(place) if sensed else system.reach(place)
-        return frozenset(system.region(near) for near in places)
+        return self._regions_of(place, type(part) is Presence)

@@ -14,7 +14,6 @@ the state advances.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
 
 from cubepath.agents.processes.judge import KINDS_IN, RefusedError, refuse
 from cubepath.agents.processes.settling import Settling
@@ -26,6 +25,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire import messages as wire
+from cubepath.protocol.wire.keys import regions_near
 
 
 class Plausibility:
@@ -39,7 +39,7 @@ class Plausibility:
         self._seed = 0
         self._later_seeds: Sequence[tuple[int, int]] = ()
         self._modules_of: Sequence[Sequence[int]] = ()
-        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self._regions_of = regions_near(scene.system)
         self._round = 0
         self._begin()
 
@@ -174,15 +174,8 @@ class Plausibility:
         """Return the regions that a module speaks to in this round."""
         found = self._near.get((module, sensed))
         if found is None:
-            found = self._near[module, sensed] = self._regions_of(
-                self._place(module), sensed=sensed
-            )
+            found = self._near[module, sensed] = self._regions_of(self._place(module), sensed)
         return found
-
-    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
-        system = self._system
-        places = system.listeners(place) if sensed else system.reach(place)
-        return frozenset(system.region(near) for near in places)
 
     def _place(self, module: int) -> Site:
         return self._system.place_of(self.sites[module])
