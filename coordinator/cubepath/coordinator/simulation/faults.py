@@ -283,7 +283,8 @@ class DrawnFaults(_Drawn):
         """Draw whether something happens, or whether a liar lies now, and how."""
         if kinds:
             return self._lie(where, nth, kinds)
-        return self._ends.get((where, nth)) or super().at(where, nth)
+        fault = self._ends.get((where, nth)) if self._ends else None
+        return fault or super().at(where, nth)
 
     def _lie(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
         rate, own = self._liars.get(where.removesuffix(SAYS), (0.0, frozenset()))

@@ -352,6 +352,8 @@ class _Run:
     @property
     def _lied(self) -> frozenset[str]:
         """Return the names of the processes that have lied so far."""
+        if not self._faults.liars:
+            return frozenset()
         return frozenset(
             fault.where.removesuffix(SAYS) for fault in self.network.fired if fault.kind in LIES
         )
