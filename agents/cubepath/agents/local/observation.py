@@ -52,12 +52,12 @@ def checked_note(note: Iterable[int], note_length: int) -> Note:
 
     A number of a note is an int32 greater than the least int32, which is `SILENT`.
     """
-    numbers = tuple(int(number) for number in note)
+    numbers = tuple(map(int, note))
     if len(numbers) != note_length:
         raise InputError(f"a note of {len(numbers)} numbers, expected {note_length}")
-    wrong = [number for number in numbers if not SILENT < number <= _MOST]
-    if wrong:
-        raise InputError(f"a note with {wrong[0]}, expected more than {SILENT} and an int32")
+    if numbers and not SILENT < min(numbers) <= max(numbers) <= _MOST:
+        wrong = next(number for number in numbers if not SILENT < number <= _MOST)
+        raise InputError(f"a note with {wrong}, expected more than {SILENT} and an int32")
     return numbers
 
 
@@ -224,10 +224,9 @@ def view_of(system: System, observation: Mapping[str, Array], label: int | None 
     notes: dict[Site, Note] = {}
     heard = observation.get("notes")
     if heard is not None:
-        lines: list[list[int]] = heard.tolist()
-        for near, line in zip(system.reach(place), lines, strict=False):
-            if line[0] != SILENT:
-                notes[near] = tuple(line)
+        slots = (heard[:, 0] != SILENT).nonzero()[0]
+        reach, lines = system.reach(place), heard[slots].tolist()
+        notes = {reach[slot]: tuple(line) for slot, line in zip(slots.tolist(), lines, strict=True)}
     own = observation.get("register")
     mask = observation["action_mask"].astype(np.int8, copy=False)
     return View(

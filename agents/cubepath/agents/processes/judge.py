@@ -13,14 +13,14 @@ further ones follows when the round ends or the wait continues.
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Literal, NoReturn, TypeAlias
+from typing import Any, Literal, NoReturn, TypeAlias
 
 from cubepath.agents.local.observation import SILENT
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire import messages as wire
-from cubepath.protocol.wire.keys import belongs, key_of, topic_in_key
+from cubepath.protocol.wire.keys import OF_PROCESSES, belongs, key_of, topic_in_key
 from cubepath.protocol.wire.nodes import Keep
 
 Spoken: TypeAlias = Literal["sense", "claim", "settle"]
@@ -84,24 +84,12 @@ class Judge:
         if not belongs(self._run, key, message):
             where, due = topic_in_key(key), topic_in_key(key_of(self._run, message))
             refuse("wrong key", f"{wire.kind_of(message)} put on {where}, expected {due}")
-        match message:
-            case (
-                wire.Ready()
-                | wire.Bundle()
-                | wire.Reports()
-                | wire.Observations()
-                | wire.ChosenActions()
-                | wire.Retransmit()
-                | wire.Waiting()
-            ):
-                if message.process >= len(self._modules_of):
-                    refuse("foreign", f"this run has no process_{message.process}")
-            case wire.Go() | wire.Reset():
-                pass
-            case _:
-                refuse(
-                    "out of place", f"{wire.kind_of(message)} is on record, and never on the wire"
-                )
+        found: Any = message
+        if type(message) in OF_PROCESSES:
+            if found.process >= len(self._modules_of):
+                refuse("foreign", f"this run has no process_{found.process}")
+        elif not isinstance(message, wire.Go | wire.Reset):
+            refuse("out of place", f"{wire.kind_of(message)} is on record, and never on the wire")
         return message
 
     def check(self, bundle: wire.Bundle) -> None:

@@ -4,7 +4,6 @@ A phase begins once everything sent in the previous one has arrived. A message t
 missed is sent again.
 """
 
-from collections import Counter
 from collections.abc import Iterable
 
 from cubepath.agents.processes.judge import Spoken
@@ -41,9 +40,12 @@ class Inbox:
         self._heard.pop((round_number, phase), None)
         return found
 
-    def counts(self, round_number: int, phase: Spoken) -> Counter[str]:
+    def counts(self, round_number: int, phase: Spoken) -> dict[str, int]:
         """Return by region how many messages of a phase are kept."""
-        return Counter(region for region, _, _ in self._heard.get((round_number, phase), ()))
+        found: dict[str, int] = {}
+        for region, _, _ in self._heard.get((round_number, phase), ()):
+            found[region] = found.get(region, 0) + 1
+        return found
 
     def forget_before(self, round_number: int) -> None:
         """Forget the bundles of earlier rounds."""

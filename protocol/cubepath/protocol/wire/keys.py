@@ -140,9 +140,8 @@ def regions_near(system: System) -> Callable[[Site, bool], frozenset[str]]:
 
 
 _OF_COORDINATOR = frozenset((Go, Reset, Refused, Edges, Cube, Certified, Summary))
-_OF_PROCESSES = frozenset(
-    (Ready, Bundle, Reports, Observations, ChosenActions, Retransmit, Waiting)
-)
+OF_PROCESSES = frozenset((Ready, Bundle, Reports, Observations, ChosenActions, Retransmit, Waiting))
+"""The kinds of messages whose sender, or receiver, is one process of modules."""
 
 
 def sender(message: Message) -> str:
@@ -151,7 +150,7 @@ def sender(message: Message) -> str:
     if kind in _OF_COORDINATOR:
         return "coordinator"
     named: Any = message
-    return f"process_{named.process}" if kind in _OF_PROCESSES else f"module_{named.module}"
+    return f"process_{named.process}" if kind in OF_PROCESSES else f"module_{named.module}"
 
 
 def key_of(run: str, message: Message) -> str:
