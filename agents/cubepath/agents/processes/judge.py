@@ -94,9 +94,9 @@ class Judge:
 
     def check(self, bundle: wire.Bundle) -> None:
         """Raise RefusedError if a bundle cannot be."""
-        process, round_number = bundle.process, bundle.round
+        process, round_number, parts = bundle.process, bundle.round, bundle.parts
         kinds, process_of, checked = KINDS_IN[bundle.phase], self._process_of, self._checked
-        for part in bundle.parts:
+        for part in parts:
             in_phase = part.round == round_number and type(part) in kinds
             if process_of.get(part.module) != process or not in_phase:
                 _refuse_part(bundle, part)
@@ -104,7 +104,7 @@ class Judge:
                 self._check_sender(part)
             if type(part) is not wire.Presence:
                 self._check_content(part)
-        if len({(type(part), part.module) for part in bundle.parts}) != len(bundle.parts):
+        if len(parts) > 1 and len({(type(part), part.module) for part in parts}) != len(parts):
             refuse("doubled", f"process_{bundle.process} says something twice in one message")
         if bundle.number and bundle.phase != "settle":
             refuse("out of place", f"a second message of phase {bundle.phase} to {bundle.region}")

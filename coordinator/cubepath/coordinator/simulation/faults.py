@@ -207,8 +207,10 @@ class _Drawn:
         self._tables: dict[str, _Table] = {}
         self._ends: dict[tuple[str, int], Fault] = {}
 
-    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:  # noqa: ARG002
-        """Draw whether something happens."""
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
+        """Draw whether something happens, or whether a liar lies now, and how."""
+        if kinds:
+            return self._lie(where, nth, kinds)
         if self._ends and (where, nth) in self._ends:
             return self._ends[where, nth]
         table = self._tables.get(where)
@@ -225,6 +227,9 @@ class _Drawn:
                 return None
             self._left_us -= outage
         return Fault(where, nth, kind, amount)
+
+    def _lie(self, _where: str, _nth: int, _kinds: Sequence[str]) -> Fault | None:
+        return None
 
     def _amount_us(self, kind: str) -> int:
         bounds = self._amounts_us.get(kind)
@@ -281,10 +286,6 @@ class DrawnFaults(_Drawn):
             for name in lies.sample(names, min(len(names), 1 + (lies.random() < _SECOND_LIAR))):
                 possible = frozenset(kind for kind in LIES if lies.random() >= SWITCHED_OFF)
                 self._liars[name] = between(lies, *_LIE_RATES), possible
-
-    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
-        """Draw whether something happens, or whether a liar lies now, and how."""
-        return self._lie(where, nth, kinds) if kinds else super().at(where, nth)
 
     def _lie(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
         rate, own = self._liars.get(where.removesuffix(SAYS), (0.0, frozenset()))
