@@ -65,11 +65,17 @@ class Rollout:
 
 
 def play_in_python(
-    scene: Scene, rule: RuleType, *, seed: int, hesitate: float, max_rounds: int
+    scene: Scene,
+    rule: RuleType,
+    *,
+    seed: int,
+    hesitate: float,
+    max_rounds: int,
+    world: str = "auto",
 ) -> Rollout:
-    """Play as `play` does, with the rule in plain Python."""
+    """Play as `play` does, with the rule in plain Python, in a world of `CubepathEnv`."""
     note_length = rule.note_length(len(scene.start))
-    env = CubepathEnv(scene, max_cycles=max_rounds, note_length=note_length)
+    env = CubepathEnv(scene, world=world, max_cycles=max_rounds, note_length=note_length)
     actors = actors_for(scene, rule, seed=seed, hesitate=hesitate)
     observations, _ = env.reset(seed=seed)
     spoken: dict[str, Note] = {}

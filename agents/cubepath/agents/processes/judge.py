@@ -13,14 +13,14 @@ further ones follows when the round ends or the wait continues.
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Literal, NoReturn, TypeAlias
+from typing import Any, Literal, NoReturn, TypeAlias
 
 from cubepath.agents.local.observation import SILENT
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire import messages as wire
-from cubepath.protocol.wire.keys import belongs, key_of, topic_in_key
+from cubepath.protocol.wire.keys import OF_PROCESSES, belongs, key_of, topic_in_key
 from cubepath.protocol.wire.nodes import Keep
 
 Spoken: TypeAlias = Literal["sense", "claim", "settle"]
@@ -84,31 +84,19 @@ class Judge:
         if not belongs(self._run, key, message):
             where, due = topic_in_key(key), topic_in_key(key_of(self._run, message))
             refuse("wrong key", f"{wire.kind_of(message)} put on {where}, expected {due}")
-        match message:
-            case (
-                wire.Ready()
-                | wire.Bundle()
-                | wire.Reports()
-                | wire.Observations()
-                | wire.ChosenActions()
-                | wire.Retransmit()
-                | wire.Waiting()
-            ):
-                if message.process >= len(self._modules_of):
-                    refuse("foreign", f"this run has no process_{message.process}")
-            case wire.Go() | wire.Reset():
-                pass
-            case _:
-                refuse(
-                    "out of place", f"{wire.kind_of(message)} is on record, and never on the wire"
-                )
+        found: Any = message
+        if type(message) in OF_PROCESSES:
+            if found.process >= len(self._modules_of):
+                refuse("foreign", f"this run has no process_{found.process}")
+        elif not isinstance(message, wire.Go | wire.Reset):
+            refuse("out of place", f"{wire.kind_of(message)} is on record, and never on the wire")
         return message
 
     def check(self, bundle: wire.Bundle) -> None:
         """Raise RefusedError if a bundle cannot be."""
-        process, round_number = bundle.process, bundle.round
+        process, round_number, parts = bundle.process, bundle.round, bundle.parts
         kinds, process_of, checked = KINDS_IN[bundle.phase], self._process_of, self._checked
-        for part in bundle.parts:
+        for part in parts:
             in_phase = part.round == round_number and type(part) in kinds
             if process_of.get(part.module) != process or not in_phase:
                 _refuse_part(bundle, part)
@@ -116,7 +104,7 @@ class Judge:
                 self._check_sender(part)
             if type(part) is not wire.Presence:
                 self._check_content(part)
-        if len({(type(part), part.module) for part in bundle.parts}) != len(bundle.parts):
+        if len(parts) > 1 and len({(type(part), part.module) for part in parts}) != len(parts):
             refuse("doubled", f"process_{bundle.process} says something twice in one message")
         if bundle.number and bundle.phase != "settle":
             refuse("out of place", f"a second message of phase {bundle.phase} to {bundle.region}")

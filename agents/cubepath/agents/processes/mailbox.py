@@ -4,14 +4,11 @@ A phase begins once everything sent in the previous one has arrived. A message t
 missed is sent again.
 """
 
-from collections import Counter
 from collections.abc import Iterable
-from functools import lru_cache
 
 from cubepath.agents.processes.judge import Spoken
-from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.keys import key_of
+from cubepath.protocol.wire.keys import key_of, regions_near
 from cubepath.protocol.wire.messages import Bundle, Part, Presence, Verdict, encode
 from cubepath.protocol.wire.nodes import Put
 
@@ -43,9 +40,12 @@ class Inbox:
         self._heard.pop((round_number, phase), None)
         return found
 
-    def counts(self, round_number: int, phase: Spoken) -> Counter[str]:
+    def counts(self, round_number: int, phase: Spoken) -> dict[str, int]:
         """Return by region how many messages of a phase are kept."""
-        return Counter(region for region, _, _ in self._heard.get((round_number, phase), ()))
+        found: dict[str, int] = {}
+        for region, _, _ in self._heard.get((round_number, phase), ()):
+            found[region] = found.get(region, 0) + 1
+        return found
 
     def forget_before(self, round_number: int) -> None:
         """Forget the bundles of earlier rounds."""
@@ -59,7 +59,7 @@ class Outbox:
         self._system = system
         self._run = run
         self._process = process
-        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self._regions_of = regions_near(system)
         self.begin(round_number)
 
     def begin(self, round_number: int) -> None:
@@ -107,9 +107,4 @@ class Outbox:
         if isinstance(part, Verdict):
             return frozenset(system.region(place) for place in part.to)
         place = system.place_of(part.site)
-        return self._regions_of(place, sensed=isinstance(part, Presence))
-
-    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
-        system = self._system
-        places = system.listeners(place) if sensed else system.reach(place)
-        return frozenset(system.region(near) for near in places)
+        return self._regions_of(place, type(part) is Presence)

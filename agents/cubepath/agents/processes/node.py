@@ -6,7 +6,7 @@ everything of a phase has arrived. Late, duplicate or reordered messages make no
 node asks again for missing ones. A refused message (`judge`) has no effect.
 """
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
@@ -225,10 +225,8 @@ class HostNode:
         if there:
             system = self._system
             for part in bundle.parts:
-                for place in addressees(system, part):
-                    core = there.get(place)
-                    if core is not None:
-                        found += core.hear(part)
+                for place in filter(there.__contains__, addressees(system, part)):
+                    found += there[place].hear(part)
         return found
 
     def _missing(self, go: wire.Go) -> list[str]:
@@ -236,8 +234,12 @@ class HostNode:
         before = judge.BEFORE.get(go.phase)
         if before is None:
             return []
-        heard = self._inbox.counts(go.round, before) + Counter(self._outbox.counts(before))
-        return [region for region in sorted(self._within) if heard[region] < go.sent.get(region, 0)]
+        heard, said = self._inbox.counts(go.round, before), self._outbox.counts(before)
+        return [
+            region
+            for region in sorted(self._within)
+            if heard.get(region, 0) + said.get(region, 0) < go.sent.get(region, 0)
+        ]
 
     def _deliver(self, round_number: int, phase: judge.Spoken) -> None:
         """Give modules everything that modules of other processes sent in a phase."""
@@ -249,14 +251,12 @@ class HostNode:
     def _tell_own(self, parts: Iterable[wire.Part]) -> list[wire.Part]:
         """Give what own modules say to own modules; return all messages, answers included."""
         others: list[wire.Part] = []
-        queue = deque(parts)
+        there, queue = self._there, deque(parts)
         while queue:
             part = queue.popleft()
             others.append(part)
-            for place in addressees(self._system, part):
-                core = self._there.get(place)
-                if core is not None:
-                    queue.extend(core.hear(part))
+            for place in filter(there.__contains__, addressees(self._system, part)):
+                queue.extend(there[place].hear(part))
         return others
 
     # The phases.

@@ -170,10 +170,11 @@ class Pacer:
             message = self._judge.read(key, data)
             match message:
                 case Bundle():
-                    return self._take(message, data) if self._is_true(message, data) else []
+                    due = self._is_of_now(message) and self._is_true(message, data)
+                    return self._take(message, data) if due else []
                 case Ready() | Reports() | Observations():
-                    new = self._is_new(message, data)
-                    return self._take(message, data) if new else []
+                    due = self._is_of_now(message) and self._is_new(message, data)
+                    return self._take(message, data) if due else []
                 case Waiting() | Retransmit():
                     return self._take_asking(message, data)
                 case _:
@@ -202,12 +203,10 @@ class Pacer:
         return [Keep(data, message)]
 
     def _is_true(self, bundle: Bundle, data: bytes) -> bool:
-        """Return whether a bundle is due, as `_is_new`; who says what cannot be is not through.
+        """Return whether a bundle is new, as `_is_new`; who says what cannot be is not through.
 
         Others may have heard it: were another message taken for it, they would know otherwise.
         """
-        if not self._is_of_now(bundle):
-            return False
         known = self._sent.get(bundle.process, {}).get((bundle.region, bundle.number)) == data
         try:
             return self._is_new(bundle, data)
@@ -218,9 +217,7 @@ class Pacer:
             raise
 
     def _is_new(self, message: Ready | Bundle | Reports | Observations, data: bytes) -> bool:
-        """Return whether a message is due; False for a repetition, RefusedError for all else."""
-        if not self._is_of_now(message):
-            return False
+        """Return whether a message is new; False for a repetition, RefusedError for all else."""
         if self._is_known(message, data):
             if self._asked_in >= message.round or self.phase == "join":
                 return False  # somebody has asked for it again, or it joins until it is heard
@@ -282,7 +279,7 @@ class Pacer:
             case Reports() | Observations():
                 self._reported[message.process] = data
         self._moved = True
-        if isinstance(message, Bundle | Observations):
+        if not isinstance(message, Ready) and not isinstance(message, Reports):
             return [Keep(data, message), *self._pass(message.process)]
         # On record they say that all of it is: so not before it is.
         self._held.setdefault(message.process, []).append(Keep(data, message))

@@ -12,9 +12,7 @@ the claims and the ranks, which tells a liar from the modules it lied to. When a
 the state advances.
 """
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
 
 from cubepath.agents.processes.judge import KINDS_IN, RefusedError, refuse
 from cubepath.agents.processes.settling import Settling
@@ -26,6 +24,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire import messages as wire
+from cubepath.protocol.wire.keys import regions_near
 
 
 class Plausibility:
@@ -39,7 +38,7 @@ class Plausibility:
         self._seed = 0
         self._later_seeds: Sequence[tuple[int, int]] = ()
         self._modules_of: Sequence[Sequence[int]] = ()
-        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self._regions_of = regions_near(scene.system)
         self._round = 0
         self._begin()
 
@@ -69,14 +68,17 @@ class Plausibility:
         self._moves: dict[tuple[int, GeneratorPlacement], Move | None] = {}
         self._near: dict[tuple[int, bool], frozenset[str]] = {}
         self._settling: Settling | None = None
+        self._phase = ""
         self._begin_phase("join")
 
     def _begin_phase(self, phase: str) -> None:
+        if phase == self._phase:
+            return
         self._phase = phase
         self._parts: dict[tuple[type[wire.Part], int], wire.Part] = {}
         self._to: dict[tuple[type[wire.Part], int], set[str]] = {}
         """By kind and module what was sent in this phase, and to which regions."""
-        self._counts: dict[int, Counter[str]] = {}
+        self._counts: dict[int, dict[str, int]] = {}
         self._through: set[int] = set()
 
     def check(self, message: wire.Message) -> None:
@@ -86,20 +88,22 @@ class Plausibility:
         have sent everything that was due, and once all are through, verdicts and reports must
         agree.
         """
-        if isinstance(message, wire.Bundle | wire.Ready) and message.phase != self._phase:
-            self._begin_phase(message.phase)
         match message:
             case wire.Bundle():
+                self._begin_phase(message.phase)
                 self._check_bundle(message)
                 self._take_bundle(message)
             case wire.Reports(parts=reports):
                 for report in reports:
                     self._check_report(report)
                 self._reports |= {report.module: report for report in reports}
-            case wire.Ready(phase="sense" | "claim" | "settle"):
+            case wire.Ready(phase=phase):
+                self._begin_phase(phase)
+                if phase not in KINDS_IN:
+                    return
                 self._check_through(message)
                 self._through.add(message.process)
-                if message.phase == "settle" and len(self._through) == len(self._modules_of):
+                if phase == "settle" and len(self._through) == len(self._modules_of):
                     self._check_settled()
             case _:
                 pass
@@ -146,7 +150,8 @@ class Plausibility:
             refuse("impossible", f"{name}: it goes to modules other than those that wait for it")
 
     def _take_bundle(self, bundle: wire.Bundle) -> None:
-        self._counts.setdefault(bundle.process, Counter())[bundle.region] += 1
+        counts = self._counts.setdefault(bundle.process, {})
+        counts[bundle.region] = counts.get(bundle.region, 0) + 1
         for part in bundle.parts:
             key = type(part), part.module
             if key in self._parts:
@@ -174,15 +179,8 @@ class Plausibility:
         """Return the regions that a module speaks to in this round."""
         found = self._near.get((module, sensed))
         if found is None:
-            found = self._near[module, sensed] = self._regions_of(
-                self._place(module), sensed=sensed
-            )
+            found = self._near[module, sensed] = self._regions_of(self._place(module), sensed)
         return found
-
-    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
-        system = self._system
-        places = system.listeners(place) if sensed else system.reach(place)
-        return frozenset(system.region(near) for near in places)
 
     def _place(self, module: int) -> Site:
         return self._system.place_of(self.sites[module])
@@ -191,8 +189,8 @@ class Plausibility:
 
     def _check_through(self, ready: wire.Ready) -> None:
         process = ready.process
-        counted = self._counts.get(process, Counter())
-        if counted != Counter(ready.sent):  # a count of zero is none
+        counted = {region: count for region, count in ready.sent.items() if count}
+        if self._counts.get(process, {}) != counted:
             refuse("contradicts", f"process_{process} counts other messages than it said")
         for module in self._modules_of[process]:
             for kind in KINDS_IN[ready.phase]:

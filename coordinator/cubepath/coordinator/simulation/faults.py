@@ -203,14 +203,20 @@ class _Drawn:
         self._random = random
         self._left_us = outages_us
         self._amounts_us = amounts_us
+        self._draw = random.random
         self._tables: dict[str, _Table] = {}
+        self._ends: dict[tuple[str, int], Fault] = {}
 
-    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:  # noqa: ARG002
-        """Draw whether something happens."""
+    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
+        """Draw whether something happens, or whether a liar lies now, and how."""
+        if kinds:
+            return self._lie(where, nth, kinds)
+        if self._ends and (where, nth) in self._ends:
+            return self._ends[where, nth]
         table = self._tables.get(where)
         if not table:
             return None
-        one = self._random.random()
+        one = self._draw()
         if one >= table[-1][0]:
             return None
         kind = next(kind for total, kind in table if one < total)
@@ -221,6 +227,9 @@ class _Drawn:
                 return None
             self._left_us -= outage
         return Fault(where, nth, kind, amount)
+
+    def _lie(self, _where: str, _nth: int, _kinds: Sequence[str]) -> Fault | None:
+        return None
 
     def _amount_us(self, kind: str) -> int:
         bounds = self._amounts_us.get(kind)
@@ -265,7 +274,6 @@ class DrawnFaults(_Drawn):
             ([ROUTER], ON_ROUTER),
         ):
             self._tables |= dict.fromkeys(places, _table({kind: rates[kind] for kind in kinds}))
-        self._ends: dict[tuple[str, int], Fault] = {}
         for kind, probability in _ONCE.items():
             if random.random() < probability:
                 # Few of the later ones come to pass: many runs are over before.
@@ -278,12 +286,6 @@ class DrawnFaults(_Drawn):
             for name in lies.sample(names, min(len(names), 1 + (lies.random() < _SECOND_LIAR))):
                 possible = frozenset(kind for kind in LIES if lies.random() >= SWITCHED_OFF)
                 self._liars[name] = between(lies, *_LIE_RATES), possible
-
-    def at(self, where: str, nth: int, kinds: Sequence[str] = ()) -> Fault | None:
-        """Draw whether something happens, or whether a liar lies now, and how."""
-        if kinds:
-            return self._lie(where, nth, kinds)
-        return self._ends.get((where, nth)) or super().at(where, nth)
 
     def _lie(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
         rate, own = self._liars.get(where.removesuffix(SAYS), (0.0, frozenset()))

@@ -120,6 +120,22 @@ class NodeError(Exception):
 
 
 @dataclass(slots=True)
+class _Link:
+    """A link between a process and its router, in one direction."""
+
+    name: str
+    salt: int
+    """Tells its small delays from those of others."""
+    count: int = 0
+    """The number of messages so far."""
+    last_us: int = 0
+    """When the last of them arrives."""
+    slow_us: int = 0
+    slow_left: int = 0
+    """How many messages are still slow on it, and how slow."""
+
+
+@dataclass(slots=True)
 class SimulatedProcess:
     """A process that holds a node: what it has received, and how it is connected."""
 
@@ -143,16 +159,18 @@ class SimulatedProcess:
     timers: int = 0
     """Counts the timers set; only the last of them ticks."""
     listening: dict[str, None] = field(default_factory=dict)
-    links: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """By direction the number of messages so far, and when the last of them arrives."""
-    drags: dict[str, tuple[int, int]] = field(default_factory=dict)
-    """By direction how many messages are still slow on the link, and how slow."""
+    up: _Link = field(init=False)
+    down: _Link = field(init=False)
     host: int = 0
     """The host whose router it is connected to."""
     replaced: bool = False
     """Whether another has taken its place while it slept: faults by its name are that one's."""
     declared_us: int = 0
     """When the last `Listen` or `Ignore` reaches the router."""
+
+    def __post_init__(self) -> None:
+        self.up = _Link(f"{self.name} up", 2 * self.number + 1)
+        self.down = _Link(f"{self.name} down", 2 * self.number)
 
 
 @dataclass(slots=True)  # not frozen: that would take three times as long to make
@@ -585,7 +603,7 @@ class SimulatedNetwork:
             self._arrow(letter, None, "lost")
             return
         plain = isinstance(effect, Put)
-        for time_us, fate in self._ways(process, "up", at_us, plain=plain):
+        for time_us, fate in self._ways(process, process.up, at_us, plain=plain):
             reaches_us = time_us
             if not plain:
                 # A session's declarations keep their order: no `Ignore` undoes a later `Listen`.
@@ -601,36 +619,32 @@ class SimulatedNetwork:
             self._declare(letter.sender, letter.effect)
 
     def _ways(
-        self, process: SimulatedProcess, link: str, from_us: int, *, plain: bool
+        self, process: SimulatedProcess, link: _Link, from_us: int, *, plain: bool
     ) -> list[tuple[int, Fate]]:
         """Return when a message arrives over a link, and each copy of it.
 
         What is not `plain` is not lost and not doubled, as sessions repeat it until it is known.
         """
-        nth, last = process.links.get(link, (0, 0))
-        where = f"{process.name} {link}"
-        noise = self._noise(2 * process.number + (link == "up"), nth) % HOP_US
-        fault = None if process.replaced else self._faults(where, nth)
+        nth = link.count
+        link.count += 1
+        noise = self._noise(link.salt, nth) % HOP_US
+        fault = None if process.replaced else self._faults(link.name, nth)
         kind = "" if fault is None else fault.kind
         if kind == "drag" and fault is not None:
             self.fire(fault)
-            process.drags[link] = (SLOW_MESSAGES, fault.amount_us)
-        if process.drags:
-            left, slow_us = process.drags.get(link, (0, 0))
-            if left:
-                process.drags[link] = (left - 1, slow_us)
-                noise += slow_us
+            link.slow_us, link.slow_left = fault.amount_us, SLOW_MESSAGES
+        if link.slow_left:
+            link.slow_left -= 1
+            noise += link.slow_us
         if fault is None or kind == "drag" or (not plain and kind in ("loss", "duplicate")):
-            arrival = max(from_us + HOP_US + noise, last)
-            process.links[link] = (nth + 1, arrival)
+            arrival = link.last_us = max(from_us + HOP_US + noise, link.last_us)
             return [(arrival, "arrived")]
         self.fire(fault)
         held = fault.amount_us if kind == "delay" else 0
-        arrival = max(from_us + HOP_US + noise + held, last)
+        arrival = max(from_us + HOP_US + noise + held, link.last_us)
         if kind == "reorder":  # those behind it do not wait
-            process.links[link] = (nth + 1, last)
             return [(arrival + fault.amount_us, "arrived")]
-        process.links[link] = (nth + 1, arrival)
+        link.last_us = arrival
         if kind == "loss":
             return [(arrival, "lost")]
         if kind == "duplicate":
@@ -675,7 +689,7 @@ class SimulatedNetwork:
             if parted and self._parted(letter.sender, receiver):
                 self._arrow(letter, receiver, "lost")
                 continue
-            for time_us, way in self._ways(receiver, "down", self.now_us, plain=True):
+            for time_us, way in self._ways(receiver, receiver.down, self.now_us, plain=True):
                 outcome = fate if way == "arrived" else way
                 lives = receiver.life, self._router_lives[receiver.host]
                 self._at(time_us, self._arrive, letter, receiver, lives, outcome)

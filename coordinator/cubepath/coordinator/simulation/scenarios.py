@@ -222,7 +222,7 @@ def scenario_of(seed: int, asked: ScenarioOptions = ANYTHING) -> Scenario:
     random = Random(f"{seed}/scenario")  # noqa: S311 - not for secrets
     spec = drawn_system(asked, random)
     scene = built(spec)
-    rule = asked.rule or random.choice(fitting_rules(scene, foreign=True))
+    rule = asked.rule or random.choice(_fitting(spec, "lockstep"))
     found = find_rule(rule)
     modules = len(scene.start)
     to_goal = _TO_GOAL_LARGE if modules >= _LARGE else _TO_GOAL
@@ -264,8 +264,14 @@ def _families_for(rule: str | None, clock: str, *, large: bool) -> list[str]:
     if not large:
         names = [name for name in names if name not in _ALWAYS_LARGE]
     if rule is not None:
-        names = [name for name in names if rule in fitting_rules(built(name), clock, foreign=True)]
+        names = [name for name in names if rule in _fitting(name, clock)]
     return names
+
+
+@lru_cache(maxsize=256)
+def _fitting(spec: str, clock: str) -> list[str]:
+    """Return the names of the rules for a scene; to find them, each is made."""
+    return fitting_rules(built(spec), clock, foreign=True)
 
 
 _FREE_SMALL = (3, 4, 5, 6, 7, 8)
@@ -359,7 +365,7 @@ def free_scenario_of(seed: int, asked: ScenarioOptions) -> FreeScenario:
     alone = random.random() < _ALONE
     return FreeScenario(
         system=spec,
-        rule=asked.rule or random.choice(fitting_rules(scene, "free", foreign=True)),
+        rule=asked.rule or random.choice(_fitting(spec, "free")),
         processes=min(modules, 8) if alone else random.randint(1, min(modules, 8)),
         keepers=random.choice(_KEEPERS),
         hesitate=random.choice(_FREE_HESITATE),

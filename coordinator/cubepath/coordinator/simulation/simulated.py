@@ -16,7 +16,7 @@ from typing import TypeAlias
 
 import msgspec
 
-from cubepath.agents.environments.rollouts import Rollout, play
+from cubepath.agents.environments.rollouts import Rollout, play_in_python
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
@@ -298,12 +298,13 @@ class _Run:
 
     def _reference(self) -> Rollout:
         scenario = self.scenario
-        return play(
+        return play_in_python(  # so small a run is over before the tables of compiled code are made
             self.scene,
             self.rule,
             seed=scenario.seed,
             hesitate=scenario.hesitate,
             max_rounds=scenario.max_rounds,
+            world="plain",
         )
 
     def _simulate(self, rounds: int) -> Failure | None:
@@ -352,6 +353,8 @@ class _Run:
     @property
     def _lied(self) -> frozenset[str]:
         """Return the names of the processes that have lied so far."""
+        if not self._faults.liars:
+            return frozenset()
         return frozenset(
             fault.where.removesuffix(SAYS) for fault in self.network.fired if fault.kind in LIES
         )

@@ -23,6 +23,7 @@ from cubepath.protocol.wire.keys import topic_of
 
 ModuleMessage: TypeAlias = wire.Presence | wire.Note | wire.Claim | wire.Verdict
 """The messages that a module sends to its neighbours."""
+_IN_ROUNDS = (wire.Bundle, wire.Reports)
 _PARTS = (
     wire.Presence,
     wire.Note,
@@ -196,7 +197,7 @@ class Sorting:
             if message is None:
                 continue
             self._check_form(record, message)
-            if isinstance(message, wire.Bundle | wire.Reports):
+            if isinstance(message, _IN_ROUNDS):
                 self._round(message.round).batches.append(message)
                 own_rule = self._own_rules.get(message.process)
                 if own_rule is not None:
@@ -209,10 +210,7 @@ class Sorting:
 
     def _check_form(self, record: Record, message: wire.Message) -> None:
         """Check that what modules say is in batches, none of them empty."""
-        batch = isinstance(
-            message, wire.Bundle | wire.Reports | wire.Observations | wire.ChosenActions
-        )
-        if batch and not wire.parts_of(message):
+        if not wire.parts_of(message):
             self._fail("batches", f"{_place(record)} is empty")
         elif isinstance(message, _PARTS):
             self._fail("batches", f"{_place(record)} is in no batch")
@@ -333,7 +331,9 @@ def _message(record: Record, fail: Fail) -> wire.Message | None:
 def _parts(record: Record, message: wire.Message, fail: Fail) -> Sequence[wire.Message]:
     """Return the parts of a batch, or the message itself."""
     parts = wire.parts_of(message)
-    if len({(type(part), getattr(part, "module", None)) for part in parts}) < len(parts):
+    if len(parts) > 1 and len(
+        {(type(part), getattr(part, "module", None)) for part in parts}
+    ) < len(parts):
         fail("batches", f"{_place(record)} holds two parts of a kind of one module")
     for part in parts:
         if part.round != message.round:

@@ -8,15 +8,20 @@ axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
 
 from collections.abc import Hashable, Iterable
 from itertools import chain
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
 
 Thing = TypeVar("Thing", bound=Hashable)
-Site = Hashable
-"""What can be on or off: a number, a text, or a tuple of sites."""
+if TYPE_CHECKING:
+    Site = Hashable
+    """What can be on or off: a number, a text, or a tuple of sites."""
+else:
+    # msgspec checks what `site_hook` returns, for which an abstract class takes as long as the rest
+    # of decoding a site.
+    Site = object
 
 _encode = msgspec.json.Encoder().encode
 
@@ -64,7 +69,7 @@ def site_hook(kind: type, value: object) -> Site:
                 break
         else:  # as in `site_from_json`, without one more call for each site of a recording
             return tuple(value)
-    if kind is not Hashable:
+    if kind is not Site:
         raise NotImplementedError(f"no field of type {kind} can be decoded")
     try:
         return site_from_json(value)

@@ -175,8 +175,7 @@ class LatticeSystem(System):
 
     def region(self, place: Site) -> str:
         """Return the block of the lattice that a place lies in."""
-        lattice = self.catalogue.lattice
-        return region_of(lattice.check(place)[: lattice.dimension])
+        return self._near.region_at(place)
 
     def coordinates(self, place: Site) -> tuple[float, ...]:
         """Return the translation that takes the cell of this orbit at the origin to the cell."""
@@ -212,24 +211,12 @@ class LatticeSystem(System):
 
     def ways(self) -> Ways:
         """Return where modules go in all placements, including those whose support does not fit."""
-        lattice, generators = self.catalogue.lattice, self.catalogue.generators
-        pairs = [
-            pair
-            for generator in generators
-            for one, other in generator.motion
-            for pair in ((one, other), (other, one))
-        ]
+        goes_at, has_place = self._near.goes_at, self.has_place
 
         def near(site: Site) -> Iterable[Site]:
-            cell = lattice.check(site)
-            found: dict[Site, None] = {}
-            for source, target in pairs:
-                by = lattice.between(source, cell)
-                if by is not None:
-                    found[lattice.shift(target, by)] = None
-            return [other for other in found if self.has_place(other)]
+            return [other for other in goes_at(site) if has_place(other)]
 
-        return Ways(near, one_to_one(generator.motion for generator in generators))
+        return Ways(near, one_to_one(each.motion for each in self.catalogue.generators))
 
 
 class _LatticeTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -256,6 +243,9 @@ class _Neighbourhoods:
             lambda cell: catalogue.proposals(cell, self.placed)
         )
         lattice = catalogue.lattice
+        self.region_at = lru_cache(maxsize=KEPT)(
+            lambda place: region_of(lattice.check(place)[: lattice.dimension])
+        )
         proposals = {orbit: catalogue.proposals(orbit) for orbit in sorted(catalogue.templates)}
         supports = {
             orbit: {site for move in moves for site in move.action.support}
@@ -279,6 +269,24 @@ class _Neighbourhoods:
         self.sensed_at = self._keeper(self.sensed, pad=pad)
         self.listeners_at = self._keeper(self.listeners)
         self.reach_at = self._keeper(self.reach)
+        self.goes_at = self._keeper({orbit: self._goes(orbit) for orbit in self._orbits()})
+
+    def _orbits(self) -> set[Cell]:
+        """Return the orbits that modules come from or go to."""
+        motions = (motion for each in self._catalogue.generators for motion in each.motion)
+        return {self._catalogue.orbit(cell) for motion in motions for cell in motion}
+
+    def _goes(self, orbit: Cell) -> tuple[Cell, ...]:
+        """Return where some move takes a module from there, in the order of the catalogue."""
+        lattice = self._catalogue.lattice
+        found: dict[Cell, None] = {}
+        for generator in self._catalogue.generators:
+            for one, other in generator.motion:
+                for source, target in ((one, other), (other, one)):
+                    by = lattice.between(source, orbit)
+                    if by is not None:
+                        found[lattice.shift(target, by)] = None
+        return tuple(found)
 
     def _competitors(
         self, orbit: Cell, proposals: Mapping[Cell, tuple[Move, ...]]

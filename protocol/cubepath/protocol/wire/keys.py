@@ -17,9 +17,9 @@ coordinator publishes messages for a single process. A coordinator listens to al
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from typing import ClassVar
+from typing import Any, ClassVar
 from zlib import crc32
 
 from cubepath.protocol.core.sites import Site
@@ -124,23 +124,33 @@ def addressees(system: System, message: Message) -> tuple[Site, ...]:
             return ()
 
 
+@lru_cache(maxsize=16)
+def regions_near(system: System) -> Callable[[Site, bool], frozenset[str]]:
+    """Return a cached function from a place to the regions that a module there speaks to.
+
+    Its second argument says whether they are those that sense the place, or those within reach.
+    """
+
+    @lru_cache(maxsize=1 << 14)
+    def near(place: Site, sensed: bool) -> frozenset[str]:  # noqa: FBT001 - a cache key
+        places = system.listeners(place) if sensed else system.reach(place)
+        return frozenset(map(system.region, places))
+
+    return near
+
+
+_OF_COORDINATOR = frozenset((Go, Reset, Refused, Edges, Cube, Certified, Summary))
+OF_PROCESSES = frozenset((Ready, Bundle, Reports, Observations, ChosenActions, Retransmit, Waiting))
+"""The kinds of messages whose sender, or receiver, is one process of modules."""
+
+
 def sender(message: Message) -> str:
     """Return the name of a message's sender; for actions from outside, of who they are for."""
-    match message:
-        case Go() | Reset() | Refused() | Edges() | Cube() | Certified() | Summary():
-            return "coordinator"
-        case (
-            Ready(process=process)
-            | Bundle(process=process)
-            | Reports(process=process)
-            | Observations(process=process)
-            | ChosenActions(process=process)
-            | Retransmit(process=process)
-            | Waiting(process=process)
-        ):
-            return f"process_{process}"
-        case _:
-            return f"module_{message.module}"
+    kind = type(message)
+    if kind in _OF_COORDINATOR:
+        return "coordinator"
+    named: Any = message
+    return f"process_{named.process}" if kind in OF_PROCESSES else f"module_{named.module}"
 
 
 def key_of(run: str, message: Message) -> str:

@@ -12,7 +12,7 @@ field are no message. An unknown field belongs to a later version and is ignored
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 
@@ -355,6 +355,8 @@ KINDS: dict[str, type[Message]] = {
     "summary": Summary,
 }
 
+_BATCHES = frozenset((Bundle, Reports, Observations, ChosenActions))
+_NAMES = {kind: name for name, kind in KINDS.items()}
 _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message, dec_hook=site_hook)
 encode = msgspec.json.Encoder().encode
 
@@ -373,12 +375,13 @@ def decode(data: bytes) -> Message:
 
 def parts_of(message: Message) -> Sequence[Message]:
     """Return the messages of modules that a message brings; any other message is its own part."""
-    if isinstance(message, Bundle | Reports | Observations | ChosenActions):
-        return message.parts
-    return (message,)
+    if type(message) not in _BATCHES:
+        return (message,)
+    batch: Any = message
+    parts: list[Message] = batch.parts
+    return parts
 
 
 def kind_of(message: Message) -> str:
     """Return the name of a message's kind."""
-    tag = message.__struct_config__.tag
-    return str(tag)
+    return _NAMES[type(message)]

@@ -2,57 +2,53 @@
 
 A node receives messages and ticks, and returns effects as data: messages to publish, keys to listen
 to, a timer to set. It opens no session, starts no thread and reads no clock, so the same node runs
-in a process on zenoh and under a simulator. A shell carries the effects out in their order.
+in a process on zenoh and under a simulator. A shell carries the effects out in their order. Effects
+are msgspec's structs since a run makes several for each message.
 """
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+
+import msgspec
 
 M = TypeVar("M")
 """The kinds of messages that a node puts in the recording."""
 
 
-@dataclass(frozen=True, slots=True)
-class Put:
+class Put(msgspec.Struct, frozen=True):
     """Put these bytes on a key; all listeners of the key except the sender receive them."""
 
     key: str
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
-class Listen:
+class Listen(msgspec.Struct, frozen=True):
     """Receive what is put on these keys from now on."""
 
     keys: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Ignore:
+class Ignore(msgspec.Struct, frozen=True):
     """Receive no longer what is put on these keys."""
 
     keys: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Timer:
+class Timer(msgspec.Struct, frozen=True):
     """Tick once after this many seconds, instead of at the time set before; None: do not tick."""
 
     seconds: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class Keep(Generic[M]):
+class Keep(msgspec.Struct, Generic[M], frozen=True):
     """A message, put or received, that belongs in the recording; each comes once."""
 
     data: bytes
     message: M
 
 
-@dataclass(frozen=True, slots=True)
-class End:
+class End(msgspec.Struct, frozen=True):
     """The node has come to its end: it needs no further messages."""
 
 
