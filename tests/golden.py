@@ -62,9 +62,9 @@ def path_of(name: str, folder: Path = FOLDER) -> Path:
     return folder / f"{name}.mcap"
 
 
-def write(name: str, folder: Path = FOLDER) -> Path:
-    """Write the golden recording of a name to a folder; return its path."""
-    plan, path = PLANS[name], path_of(name, folder)
+def write(name: str, folder: Path = FOLDER, plan: Plan | None = None) -> Path:
+    """Write the golden recording of a name, or of a plan, to a folder; return its path."""
+    plan, path = plan or PLANS[name], path_of(name, folder)
     task = task_of(plan)
     told = parameters_of(plan, task)
     parameters = {key: told[key] for key in told if key not in _OF_THE_MACHINE}

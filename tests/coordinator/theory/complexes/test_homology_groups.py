@@ -3,7 +3,8 @@
 from math import gcd
 
 import pytest
-from hypothesis import given, settings
+from flint import fmpz_mat, nmod_mat
+from hypothesis import given, settings, strategies
 
 from cubepath.coordinator.theory.complexes import homology_groups as homology_module
 from cubepath.coordinator.theory.complexes.cubical_complex import CubicalComplex
@@ -177,6 +178,20 @@ def test_where_64_bits_end_changes_nothing(space: CubicalComplex) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(homology_module, "LIMIT", 1)
         assert in_full(homology(space)) == expected
+
+
+_ENTRIES = strategies.lists(strategies.integers(-12, 12), min_size=4, max_size=4)
+
+
+@given(strategies.lists(_ENTRIES, min_size=1, max_size=5))
+def test_smith_forms_are_those_of_flint(columns: list[list[int]]) -> None:
+    """Invariant factors, each a divisor of the next, and the rank modulo 2."""
+    sparse = [{row: value for row, value in enumerate(column) if value} for column in columns]
+    matrix = fmpz_mat(columns)
+    form = matrix.snf()
+    diagonal = [abs(int(form[i, i])) for i in range(min(form.nrows(), form.ncols()))]
+    expected = [factor for factor in diagonal if factor], nmod_mat(matrix, 2).rank()
+    assert homology_module._smith(sparse, list(range(len(sparse)))) == expected
 
 
 def test_progress_adds_up_to_the_number_of_cells() -> None:

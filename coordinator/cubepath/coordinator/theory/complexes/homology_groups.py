@@ -11,8 +11,8 @@ Two steps, both exact; the first keeps the complex up to chain homotopy equivale
    cell complexes* (1998); Skoeldberg, *Morse theory from an algebraic viewpoint* (2006); Harker,
    Mischaikow, Mrozek and Nanda, *Discrete Morse theoretic algorithms for computing homology of
    complexes and maps* (2014).
-2. *Smith forms and ranks* of the rest by python-flint (Hatcher, *Algebraic topology*, section 2.2,
-   for how to read homology off them).
+2. *Smith forms* of the rest, which is small (Hatcher, *Algebraic topology*, section 2.2, for how to
+   read homology off them).
 
 The boundary of the Morse complex flows from each critical cell along the matching: a face that is
 matched with a greater cell is replaced by the rest of that cell's boundary, one that is matched
@@ -26,11 +26,11 @@ of its incidences, and only a face with incidence 1 or -1 is ever matched.
 from collections.abc import Callable
 from dataclasses import dataclass
 from heapq import heappop, heappush
-from itertools import pairwise
+from itertools import combinations, pairwise
+from math import gcd, lcm
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from flint import fmpz_mat, nmod_mat
 from numpy.typing import NDArray
 
 from cubepath.coordinator.theory.complexes.cubical_complex import (
@@ -427,15 +427,41 @@ def _by_linear_algebra(
 
 
 def _smith(columns: list[Column], cells: list[int]) -> tuple[list[int], int]:
-    """Return the invariant factors of the matrix of these columns, and its rank modulo 2."""
-    used = [columns[cell] for cell in cells if columns[cell]]
-    faces = {face: row for row, face in enumerate(sorted({f for column in used for f in column}))}
-    if not used:
-        return [], 0
-    matrix = fmpz_mat(len(faces), len(used))
-    for place, column in enumerate(used):
-        for face, value in column.items():
-            matrix[faces[face], place] = value
-    form = matrix.snf()
-    diagonal = [abs(int(form[i, i])) for i in range(min(len(faces), len(used)))]
-    return [factor for factor in diagonal if factor], nmod_mat(matrix, 2).rank()
+    """Return the invariant factors of the matrix of these columns, and its rank modulo 2.
+
+    The least entry left is the pivot, and all others of its row and its column are divided by it
+    with remainders. A remainder is less, and the next pivot; without any, the pivot is alone. What
+    matching leaves is seldom more than a few columns.
+    """
+    left = [dict(columns[cell]) for cell in cells]
+    factors: list[int] = []
+    while left := [column for column in left if column]:
+        column, row = min(
+            ((column, row) for column in left for row in column), key=lambda at: abs(at[0][at[1]])
+        )
+        pivot = column[row]
+        others = [other for other in left if row in other and other is not column]
+        for other in others:
+            _subtract(other, other[row] // pivot, column)
+        if any(row in other for other in others):
+            continue
+        # The row is 0 elsewhere, so that it can be subtracted from others without changing more.
+        remainders = {each: value % pivot for each, value in column.items() if value % pivot}
+        column.clear()
+        if remainders:
+            column |= remainders | {row: pivot}
+        else:
+            factors.append(abs(pivot))
+    factors.sort()
+    for first, second in combinations(range(factors.count(1), len(factors)), 2):
+        pair = factors[first], factors[second]
+        factors[first], factors[second] = gcd(*pair), lcm(*pair)
+    return factors, sum(factor % 2 for factor in factors)
+
+
+def _subtract(column: Column, factor: int, other: Column) -> None:
+    """Subtract a multiple of another column."""
+    for row, value in other.items():
+        column[row] = column.get(row, 0) - factor * value
+        if not column[row]:
+            del column[row]
