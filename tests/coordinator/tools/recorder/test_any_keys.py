@@ -9,6 +9,7 @@ import pytest
 import zenoh
 from mcap.reader import make_reader
 
+from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.tools.exports.exporting import export
@@ -194,6 +195,19 @@ def test_cuts_and_merges_keep_every_message(recorded: Path, tmp_path: Path) -> N
     assert kept == ["robot/arm?attachment", "robot/arm"] * 3 + ["robot/arm?delete"]
     recover(recorded, tmp_path / "copy.mcap")
     assert [*read_recording(tmp_path / "copy.mcap").records] == [*whence.records]
+
+
+def test_commands_cut_by_time(recorded: Path, tmp_path: Path) -> None:
+    """By log times, which have 64 bits, or by seconds since the first message."""
+    late = max(each.round for each in read_recording(recorded).records)
+    out = tmp_path / "late.mcap"
+    assert main(["log", "filter", str(recorded), "-o", str(out), "--from", str(late)]) == 0
+    assert {each.round for each in read_recording(out).records} == {late}
+    table = str(tmp_path / "all.csv")
+    export_all = ["log", "export", str(recorded), "--table", "messages", "-o", table]
+    assert main([*export_all, "--from", "0s", "--until", "60.5s"]) == 0
+    assert main([*export_all, "--from", "9999s"]) == 0
+    assert len(Path(table).read_text().splitlines()) == 1
 
 
 def test_two_recorders_together_have_each_message_once(endpoint: str, tmp_path: Path) -> None:

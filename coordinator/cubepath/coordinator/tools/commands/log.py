@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import math
 import os
+import re
 import select
 import signal
 import sys
@@ -32,8 +33,10 @@ from cubepath.protocol.core.output_files import STANDARD_OUTPUT, check_output_fo
 
 if TYPE_CHECKING:
     from cubepath.coordinator.tools.recorder.recorder import Recorder
+    from cubepath.protocol.recordings.recording import Recording
 
 _MB = 1_000_000
+_LOG_TIME = re.compile(r"(\d{1,20}(?:\.\d+)?|\.\d+)(s)|\d{1,20}", re.ASCII)
 
 
 def add_log_filter(kept: argparse.ArgumentParser) -> None:
@@ -86,10 +89,35 @@ def add_selection_options(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             f"--{name}",
             dest=what,
-            type=whole(0),
+            type=_log_time,
             metavar="ROUND",
-            help=f"the {what} round; without rounds the {what} log time, as a level",
+            help=f"the {what} round; without rounds the {what} log time, as a level; on any keys"
+            " also seconds since the first message, as 1.5s",
         )
+
+
+def _log_time(text: str) -> int | float:
+    """Return a log time, which has 64 bits; as a float what is in seconds."""
+    found = _LOG_TIME.fullmatch(text)
+    if found is None or (found[2] is None and int(text) >= 1 << 64):
+        raise argparse.ArgumentTypeError(
+            f"expected a log time such as 12, or seconds such as 1.5s, found {text!r}"
+        )
+    return int(text) if found[2] is None else float(found[1])
+
+
+def _range_in(recording: Recording, options: argparse.Namespace) -> tuple[int | None, int | None]:
+    """Return the first and the last log time that are asked for."""
+
+    def log_time(name: str, asked: float | None) -> int | None:
+        if not isinstance(asked, float):
+            return asked
+        if not recording.of_keys:
+            raise InputError(f"--{name} {asked:g}s: expected a round or level such as 12")
+        began = next((record.round for record in recording.records), 0)
+        return began + round(asked * 1e9)
+
+    return log_time("from", options.first), log_time("until", options.last)
 
 
 def _filter(options: argparse.Namespace) -> int:
@@ -99,13 +127,14 @@ def _filter(options: argparse.Namespace) -> int:
     files.check_files(options, [options.log], files.Output(options.out, (".mcap",)))
     with console.progress_bar(None, "filter", ""):
         recording = read_undamaged(options.log)
+        first, until = _range_in(recording, options)
         count = filter_recording(
             recording,
             options.out,
             topics=options.topics,
             exclude=options.exclude,
-            first=options.first,
-            until=options.last,
+            first=first,
+            until=until,
         )
     of = len(recording.records)
     document = {"messages": count, "of": of, "output": str(options.out)}
@@ -207,6 +236,7 @@ def add_log_export(export: argparse.ArgumentParser) -> None:
 
 def _export(options: argparse.Namespace) -> int:
     from cubepath.coordinator.tools.exports.exporting import export  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_undamaged  # noqa: PLC0415
 
     out: Path = options.out
     foxglove = options.format == "foxglove"
@@ -221,13 +251,15 @@ def _export(options: argparse.Namespace) -> int:
     inner = argparse.Namespace(**{**vars(options), "json": False})
     files.check_files(inner, [options.log], files.Output(out, stream=True))
     with console.progress_bar(None, "export", ""):
+        recording = read_undamaged(options.log)
+        first, until = _range_in(recording, options)
         found = export(
-            options.log,
+            recording,
             out,
             form=form,
             table=options.table,
-            first=options.first,
-            until=options.last,
+            first=first,
+            until=until,
             topics=options.topics,
             exclude=options.exclude,
             log_time=options.log_time,

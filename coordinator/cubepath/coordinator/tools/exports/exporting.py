@@ -100,7 +100,7 @@ def table_of(recording: Recording, wanted: RowSelection) -> RecordingTable:
 
 def check_levels(recording: Recording, selection: cutting.MessageSelection) -> None:
     """Raise InputError if a range of levels is asked of messages that have wall clock times."""
-    asked = selection.first is not None or selection.until is not None
+    asked = not recording.of_keys and (selection.first is not None or selection.until is not None)
     if asked and recording.clock == "free" and recording.parameters.get("log_time") == "wall":
         raise InputError(
             f"{recording.path}: its log time is the wall clock, so only its moves have levels:"
