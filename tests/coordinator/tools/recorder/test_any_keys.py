@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -16,7 +17,7 @@ from cubepath.coordinator.tools.exports.exporting import export
 from cubepath.coordinator.tools.recorder.recorder import Recorder
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.recovery import recover
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.stored_messages import Record
@@ -134,6 +135,40 @@ def test_a_replay_is_heard_as_the_programs_were(
     assert min(each.wall_ns for each in second) > max(each.round for each in first)
 
 
+@pytest.mark.parametrize(
+    ("options", "others", "own"),
+    [
+        ({"topics": ["robot/arm"]}, "robot/eye/*", "robot/arm"),
+        ({"remap": ["robot/arm=left/arm"], "topics": ["robot/arm"]}, "robot/arm", "left/*"),
+    ],
+)
+def test_a_replay_waits_for_subscribers_of_what_it_puts(
+    recorded: Path, endpoint: str, options: dict[str, list[str]], others: str, own: str
+) -> None:
+    """Those of other keys are not waited for, and it says if there were no others."""
+    heard: list[str] = []
+    given: Any = {"connect": endpoint, **options}
+    with open_client(endpoint) as session:
+        session.declare_subscriber(others, lambda _: None)
+        with pytest.raises(CheckError, match=rf"^no subscriber to {own[:4]}\S*/arm within 0\.3 s"):
+            replay(recorded, wait_for_subscribers=0.3, **given)
+        assert not replay(recorded, **given).heard
+        session.declare_subscriber(own, lambda sample: heard.append(sample.payload.to_string()))
+        assert replay(recorded, wait_for_subscribers=20, **given).heard
+        assert replay(recorded, **given).heard
+        _until(lambda: len(heard) == 8)
+
+
+def test_a_command_says_that_nobody_heard_a_replay(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ends well all the same."""
+    assert (
+        main(["replay", str(recorded), "--listen", "tcp/127.0.0.1:0", "--topics", "robot/e*"]) == 0
+    )
+    assert "nobody subscribed to what was put" in capsys.readouterr().err
+
+
 def test_a_replay_is_paused_stepped_moved_and_remapped(recorded: Path, tmp_path: Path) -> None:
     """A step puts one message with its attachment, on another key if that is asked for."""
     with (
@@ -238,7 +273,7 @@ def test_what_needs_a_run_refuses_it_in_a_line(recorded: Path, tmp_path: Path) -
     assert export(recorded, tmp_path / "all.csv", table="messages").count == SAID
     with pytest.raises(InputError, match="expected seconds, not rounds"):
         split_recording(recorded, tmp_path / "parts", rounds=1)
-    with pytest.raises(InputError, match="--listen ENDPOINT for a router of its own"):
+    with pytest.raises(InputError, match=r"endpoint=ENDPOINT \(--listen\) for a router of its own"):
         replay(recorded)
     with pytest.raises(InputError, match=r"from=12: .* expected a time"):
         replay(recorded, endpoint="tcp/127.0.0.1:0", begin=12)
