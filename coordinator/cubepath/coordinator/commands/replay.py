@@ -219,7 +219,8 @@ def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
         with Player(recording, hold=False, **asked) as player:
             announce(player.endpoint, player.run)
             step = "level" if recording.clock == "free" else "round"
-            play_by_keys(player, options.begin or "0", step)
+            start = options.begin or ("0s" if recording.of_keys else "0")
+            play_by_keys(player, start, "" if recording.of_keys else step)
             return player.wait()
     from cubepath.coordinator.playback.player import replay  # noqa: PLC0415
 
