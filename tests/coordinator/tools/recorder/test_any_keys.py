@@ -288,6 +288,20 @@ def test_wrong_keys_are_refused_before_anything_is_opened(tmp_path: Path) -> Non
         Recorder(nowhere, tmp_path / "x.mcap", keys="a", run="r")
 
 
+def test_a_command_says_that_no_message_came(
+    endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A comma is a part of a key; without keys a run is awaited, and there may be none."""
+    with pytest.raises(CheckError, match=r"^no run answers at .*; messages of your own programs"):
+        Recorder(endpoint, patience_s=0.1)
+    with pytest.raises(InputError, match=r"cannot listen there, it is in use$"):
+        Router(endpoint)
+    out = str(tmp_path / "x.mcap")
+    record = ["log", "record", "--connect", endpoint, "--keys", "a,b", "--timeout", "0.2"]
+    assert main([*record, "-o", out]) == 0
+    assert "no message came on a,b" in capsys.readouterr().err
+
+
 def test_no_message_of_those_that_block_is_lost(endpoint: str, tmp_path: Path) -> None:
     """Though the recorder may keep a hundredth of them in memory; numbers of publishers agree."""
     count = 20_000

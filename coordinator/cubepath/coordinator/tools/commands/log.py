@@ -11,7 +11,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -290,6 +290,8 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
     record.add_argument("--run", metavar="RUN", help="which run, if there are several")
     record.add_argument(
         "--keys",
+        action="append",
+        default=[],
         metavar="KEYS",
         help="no run: the messages of any zenoh programs on these keys, a key expression such as"
         " 'robot/**', until interrupted",
@@ -331,6 +333,15 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
     )
 
 
+def _only(keys: Sequence[str]) -> str | None:
+    if len(keys) > 1:
+        raise InputError(
+            f"--keys: found {len(keys)}, expected one that takes them all, as 'robot/**', with"
+            " --topics for each"
+        )
+    return keys[0] if keys else None
+
+
 def _record(options: argparse.Namespace) -> int:
     from cubepath.coordinator.tools.recorder.recorder import Recorder  # noqa: PLC0415
 
@@ -340,6 +351,7 @@ def _record(options: argparse.Namespace) -> int:
     for given, name in ((options.size, "size"), (options.seconds, "seconds")):
         if options.snapshot is not None and given is not None:
             raise InputError(f"--snapshot: each snapshot is one file, expected no --{name}")
+    keys = _only(options.keys)
     interrupted = False
     recorders: list[Recorder] = []
 
@@ -355,7 +367,7 @@ def _record(options: argparse.Namespace) -> int:
             options.connect,
             options.out,
             run=options.run,
-            keys=options.keys,
+            keys=keys,
             topics=options.topics,
             exclude=options.exclude,
             split_megabytes=options.size,
@@ -368,19 +380,25 @@ def _record(options: argparse.Namespace) -> int:
         ) as recorder,
     ):
         recorders.append(recorder)
-        console.complain(f"recording {options.keys or f'run {recorder.run}'}")
+        console.complain(f"recording {keys or f'run {recorder.run}'}")
         typed = options.snapshot is not None and sys.stdin is not None and sys.stdin.isatty()
         try:
             _wait(recorder, options.timeout, typed=typed)
         except KeyboardInterrupt:
             interrupted = True
     console.answer(options, _document(recorder), console.table(_rows(recorder)))
-    if recorder.ended == "run gone":
-        console.complain(f"run {recorder.run} is gone, and has not said how it ended")
+    _complain_of(recorder, keys)
     if interrupted:
         console.complain("interrupted")
         return console.INTERRUPTED
     return console.FAILED if recorder.ended == "router gone" else console.DONE
+
+
+def _complain_of(recorder: Recorder, keys: str | None) -> None:
+    if keys is not None and not recorder.messages:
+        console.complain(f"no message came on {keys}")
+    if recorder.ended == "run gone":
+        console.complain(f"run {recorder.run} is gone, and has not said how it ended")
 
 
 def _wait(recorder: Recorder, duration_s: float | None, *, typed: bool) -> None:
