@@ -1,11 +1,15 @@
 """Messages of any zenoh programs: recorded as they are, cut and merged, and put back."""
 
+import csv
+import json
 import time
+from base64 import b64decode
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 import zenoh
 from mcap.reader import make_reader
@@ -270,13 +274,52 @@ def test_what_needs_a_run_refuses_it_in_a_line(recorded: Path, tmp_path: Path) -
         verify(recorded)
     with pytest.raises(InputError, match="messages on any keys, expected --table messages"):
         export(recorded, tmp_path / "moves.csv")
-    assert export(recorded, tmp_path / "all.csv", table="messages").count == SAID
+    assert export(recorded, tmp_path / "all.csv", table="messages").count == SAID - 3
     with pytest.raises(InputError, match="expected seconds, not rounds"):
         split_recording(recorded, tmp_path / "parts", rounds=1)
     with pytest.raises(InputError, match=r"endpoint=ENDPOINT \(--listen\) for a router of its own"):
         replay(recorded)
     with pytest.raises(InputError, match=r"from=12: .* expected a time"):
         replay(recorded, endpoint="tcp/127.0.0.1:0", begin=12)
+
+
+def test_a_table_has_every_message(endpoint: str, tmp_path: Path) -> None:
+    """A row each with its attachment; bytes that are no text come back from base64."""
+    path = tmp_path / "x.mcap"
+    said = [b"plain", b'{"x": [1]}', b'"text"', b"7", b"\0\xfe", b"base64:AA==", b"a\0b", b""]
+    with open_client(endpoint) as session, Recorder(endpoint, path, keys="t/**") as recorder:
+        session.put("t/other", b"x", congestion_control=BLOCK)
+        for each in said:
+            session.put("t/a", each, attachment=each or None, congestion_control=BLOCK)
+        _until(lambda: recorder.messages == 2 * len(said))
+    count = export(path, tmp_path / "x.csv", table="messages", kinds=["t/a"]).count
+    assert count == len(said)
+    with (tmp_path / "x.csv").open(newline="") as stream:
+        rows = [*csv.DictReader(stream)]
+    assert {(row["kind"], row["sender"]) for row in rows} == {("t/a", "")}
+    texts = [row["message"] for row in rows]
+    assert texts == [row["attachment"] for row in rows]
+    assert texts[:3] == ["plain", '{"x": [1]}', '"text"']
+    assert texts[4:6] == ["base64:AP4=", "base64:YmFzZTY0OkFBPT0="]
+    coded = [text.partition("base64:") for text in texts]
+    assert [b64decode(code) if sign else text.encode() for text, sign, code in coded] == said
+    export(path, tmp_path / "x.jsonl", table="messages", topics=["t/a"])
+    lines = [json.loads(line) for line in (tmp_path / "x.jsonl").read_text().splitlines()]
+    assert [line["message"] for line in lines] == [texts[0], {"x": [1]}, texts[2], 7, *texts[4:]]
+    assert lines[-1]["attachment"] is None
+    export(path, tmp_path / "x.parquet", table="messages")
+    frame = pd.read_parquet(tmp_path / "x.parquet")
+    assert frame["attachment"].fillna("").tolist() == ["", *texts]
+    assert frame["message"].tolist() == ["x", *texts]
+    own = read_recording(path).frame("messages")
+    assert {*own["kind"]} == {"t/other", "t/a", "t/a?attachment"}
+    assert {*own["sender"]} == {""}
+    with pytest.raises(InputError, match=r"kind t/b: .*\(did you mean 't/a'\?\), .* t/a, t/other$"):
+        export(path, tmp_path / "y.csv", table="messages", kinds=["t/b"])
+    with pytest.raises(
+        InputError, match=r"topics t/b: .*\(did you mean 't/a'\?\), .* t/a, t/other$"
+    ):
+        export(path, tmp_path / "y.csv", table="messages", topics=["t/b"])
 
 
 def test_wrong_keys_are_refused_before_anything_is_opened(tmp_path: Path) -> None:
