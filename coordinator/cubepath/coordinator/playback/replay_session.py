@@ -262,8 +262,7 @@ class ReplaySession:
             ]
             while not (any(map(sessions.is_heard, said)) or self._machine.stopped):
                 if time.monotonic() >= deadline:
-                    more = " ..." if len(waited) > _NAMED else ""
-                    named = " or ".join(waited[:_NAMED]) + more
+                    named = " or ".join(waited[:_NAMED]) + " ..." * (len(waited) > _NAMED)
                     raise CheckError(f"no subscriber to {named} within {self._wait_s:g} s")
                 self._rest_until(time.monotonic() + _LOOK_S)
                 self._take_what_is_there()

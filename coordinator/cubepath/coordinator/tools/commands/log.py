@@ -106,18 +106,13 @@ def _log_time(text: str) -> int | float:
     return int(text) if found[2] is None else float(found[1])
 
 
-def _range_in(recording: Recording, options: argparse.Namespace) -> tuple[int | None, int | None]:
-    """Return the first and the last log time that are asked for."""
-
-    def log_time(name: str, asked: float | None) -> int | None:
-        if not isinstance(asked, float):
-            return asked
-        if not recording.of_keys:
-            raise InputError(f"--{name} {asked:g}s: expected a round or level such as 12")
-        began = next((record.round for record in recording.records), 0)
-        return began + round(asked * 1e9)
-
-    return log_time("from", options.first), log_time("until", options.last)
+def _within(recording: Recording, asked: float | None) -> int | None:
+    """Return a log time of a recording; seconds are counted from its first message."""
+    if not isinstance(asked, float):
+        return asked
+    if not recording.of_keys:
+        raise InputError(f"{asked:g}s: a run has no such log times, expected a round or level")
+    return next((each.round for each in recording.records), 0) + round(asked * 1e9)
 
 
 def _filter(options: argparse.Namespace) -> int:
@@ -127,14 +122,13 @@ def _filter(options: argparse.Namespace) -> int:
     files.check_files(options, [options.log], files.Output(options.out, (".mcap",)))
     with console.progress_bar(None, "filter", ""):
         recording = read_undamaged(options.log)
-        first, until = _range_in(recording, options)
         count = filter_recording(
             recording,
             options.out,
             topics=options.topics,
             exclude=options.exclude,
-            first=first,
-            until=until,
+            first=_within(recording, options.first),
+            until=_within(recording, options.last),
         )
     of = len(recording.records)
     document = {"messages": count, "of": of, "output": str(options.out)}
@@ -252,14 +246,13 @@ def _export(options: argparse.Namespace) -> int:
     files.check_files(inner, [options.log], files.Output(out, stream=True))
     with console.progress_bar(None, "export", ""):
         recording = read_undamaged(options.log)
-        first, until = _range_in(recording, options)
         found = export(
             recording,
             out,
             form=form,
             table=options.table,
-            first=first,
-            until=until,
+            first=_within(recording, options.first),
+            until=_within(recording, options.last),
             topics=options.topics,
             exclude=options.exclude,
             log_time=options.log_time,
