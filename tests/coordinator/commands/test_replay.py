@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.commands.keyboard import keys_in, order_of
+from cubepath.coordinator.commands.keyboard import keys_in, order_of, status_line
 from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.playback.machine import PlayerStatus
 from processes.command_line import GOLDEN, PYTHON
 
 HEX = str(GOLDEN / "hex-5.mcap")
@@ -29,6 +30,11 @@ def test_keys_have_names_however_they_are_sent() -> None:
     assert order_of("right", "0") == ("step", {"unit": "round"})
     assert order_of("left", "0") == ("back", {"unit": "round"})
     assert order_of("0", "3.5s") == ("seek", {"to": "3.5s"})
+    # Messages on any keys have no rounds.
+    assert order_of("right", "0s", "") == ("step", {})
+    status = PlayerStatus("r", "paused", 3, 8, 0, 0.25, 1.0, "2x", 0)
+    line = "paused, next: message 4 of 8, 0.25 of 1.00 s, 2x as fast as it was"
+    assert status_line(status, "") == line
     for key in " .,+-q":
         assert order_of(key, "0") is not None
 

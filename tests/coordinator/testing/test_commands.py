@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -220,3 +221,37 @@ def test_a_line_can_be_waited_for_again() -> None:
         command.says("ready 2", again=True)
         with pytest.raises(CheckError, match="says 'ready 2': it ended"):
             command.says("ready 2", again=True)
+
+
+def test_a_command_that_is_started_again_is_the_same_command() -> None:
+    """Its handle has the lines of both lives, and waits for the end of the last."""
+    text = "import sys, time\nprint('begun', flush=True)\ntime.sleep(0.3)\nsys.exit(3)"
+    with Command([sys.executable, "-c", text]) as command, ThreadPoolExecutor(1) as other:
+        command.says("begun")
+        waited, first = other.submit(command.wait), command.pid
+        command.restart()
+        assert command.pid != first
+        command.says("begun", again=True)
+        assert waited.result() == 3
+        assert command.out == "begun\nbegun"
+
+
+def test_the_end_of_what_a_command_says_is_shown() -> None:
+    """The cause is in the last words, however much comes before."""
+    text = "import sys; print('x' * 900); sys.exit('y' * 900 + ': no such arm')"
+    with Command([sys.executable, "-c", text], name="mine", timeout_s=0.05) as command:
+        command.wait(30)
+        assert command.last_lines.endswith("yyy: no such arm")
+        assert "; stderr: ...yyy" in command.last_lines
+    with Command("sleep 1000", timeout_s=0.05) as command:
+        for waits in (command.wait, lambda: command.says("x")):
+            with pytest.raises(CheckError, match=r"within 0\.05 s; stdout: nothing"):
+                waits()
+
+
+def test_a_misspelt_place_in_a_command_is_refused() -> None:
+    """Unless the right one is there too: then it is something of the command."""
+    with pytest.raises(InputError, match=r"^command: \{endpont\}: expected \{endpoint\}$"):
+        Command("echo {endpont}", endpoint="tcp/h:1")
+    with Command("echo {endpont} {endpoint}", endpoint="tcp/h:1") as command:
+        command.says(r"\{endpont\} tcp/h:1")

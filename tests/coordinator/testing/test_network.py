@@ -1,6 +1,7 @@
 """Zenoh processes of others on a private router: what is done to them, and what the log knows."""
 
 import json
+import re
 import resource
 import sys
 import time
@@ -140,6 +141,123 @@ def test_faults_are_counted_in_messages(ends: Ends) -> None:
     ends.until_heard("0", "3", "4", "4", "5")
 
 
+def test_the_log_has_the_times_of_delivery(ends: Ends) -> None:
+    """And says which messages were lost, and which are copies; rows stand in their order."""
+    began = time.time()
+    ends.network.delay(0.3, "robot/arm", to="b", times=1)
+    ends.network.double("robot/arm", seconds=0.2, after=1, times=1)
+    ends.network.drop("robot/arm", after=2)
+    ends.say("late")
+    ends.until_heard("late")
+    (late,) = ends.network.log.messages("robot/arm", to="b")
+    assert late.at_s - began > 0.25
+    ends.say("twice", "lost")
+    ends.until_heard("twice", "twice")
+    log = ends.network.log
+    found = log.messages("robot/arm")
+    assert [(each.data, each.copied) for each in found[1:]] == [(b"twice", False), (b"twice", True)]
+    assert found[2].at_s - found[1].at_s > 0.15
+    assert [each.data for each in log.messages("robot/arm", lost=True)] == [b"lost"]
+    assert (log.count("robot/arm"), log.count("robot/arm", lost=True)) == (3, 1)
+    rows = str(log).partition("the last messages:")[2].splitlines()[2:]
+    assert [row.split()[0] for row in rows if row.split()[0].isalpha()] == ["lost", "copy"]
+    times = [float(re.search(r"\d+\.\d{3}", row)[0]) for row in rows]  # type: ignore[index]
+    assert times == sorted(times)
+
+
+def test_the_report_shows_faults(ends: Ends) -> None:
+    """What was done to whom stands among the messages, and each rule with what it met."""
+    network = ends.network
+    network.start("arm", arm(1000))
+    network.until("robot/arm/pose")
+    lost = network.drop("robot/arm", to="b", times=1)
+    ends.say("lost", "here")
+    lost.wait()
+    network.kill("arm", at="robot/arm/pose")
+    network.until(lambda _: network.commands["arm"].returncode is not None)
+    network.restart("arm")
+    network.pause("arm")
+    network.resume("arm")
+    network.cut_off("a", seconds=0.01)
+    network.inject([NetworkFault("cut", "arm", nth=9999)])
+    network.until(lambda _: "a healed" in network.seen())
+    (report,) = network.report_lines()
+    order = ["arm started", "arm killed", "arm started", "arm paused", "arm resumed", "a cut off"]
+    places = [report.index(order[0])]
+    for each in order[1:]:
+        places.append(report.index(each, places[-1] + 1))
+    assert "\n  drop to=b, key=robot/arm: met 1\n  kill arm at key=robot/arm/pose: done\n" in report
+    assert "process='arm', nth=9999, count=1, way='up', seconds=0.1): met 0\n" in report
+
+
+def test_what_was_never_met_is_warned_of() -> None:
+    """At the end of a test; what was drawn or counted may come too late."""
+    with NetworkUnderTest() as network, ExitStack() as resources:
+        ends = Ends(network, resources)
+        network.drop("robot/amr")
+        network.drop("robot/arm", times=1)
+        network.cut_off("a", at="robot/amr")
+        network.inject([NetworkFault("cut", "a", nth=200), NetworkFault("pause", "a", nth=200)])
+        ends.say("lost", "here")
+        ends.until_heard("here")
+        with pytest.warns(UserWarning, match="met no message") as warned:
+            network.close(check=True)
+    lines = ["drop key=robot/amr: met no message", "cut off a at key=robot/amr: met no message"]
+    assert [str(each.message) for each in warned] == lines
+
+
+LISTENER = """
+import json, sys, time, zenoh
+time.sleep(float(sys.argv[2]))
+config = zenoh.Config()
+config.insert_json5("mode", '"client"')
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+session = zenoh.open(config)
+if sys.argv[3]:
+    session.declare_subscriber(sys.argv[3], print)
+print("ready")
+time.sleep(60)
+"""
+
+
+def listener(key: str, after_s: float = 0.0) -> list[str]:
+    """Return a command that subscribes to a key after this long."""
+    return [sys.executable, "-c", LISTENER, "{endpoint}", str(after_s), key]
+
+
+def test_a_restart_waits_until_the_process_listens(cubepath_network: NetworkUnderTest) -> None:
+    """As the start did; at a message it waits for nothing."""
+    network = cubepath_network
+    ear = network.start("ear", listener("robot/arm", 0.5), listens="robot/arm", timeout_s=20)
+    for _ in range(2):
+        network.restart("ear")
+        assert network.link_of("ear").listens("robot/arm")
+    with open_client(network.endpoint("a")) as session:
+        network.when("robot/arm", lambda: network.restart("ear"))
+        pid = ear.pid
+        put(session, "robot/arm", b"again")
+        network.until(lambda _: ear.pid != pid)
+        assert not network.link_of("ear").listens("robot/arm")
+
+
+@pytest.mark.parametrize(
+    ("command", "why"),
+    [
+        (listener("robot/leg"), "is connected, and subscribes to other keys"),
+        (listener(""), "is connected, and subscribes to nothing"),
+        (listener("", 60), "has not connected"),
+    ],
+)
+def test_a_start_says_why_it_waits_in_vain(
+    command: list[str], why: str, cubepath_network: NetworkUnderTest
+) -> None:
+    """It has its own time for that."""
+    with pytest.raises(
+        CheckError, match=rf"^ear listens to robot/arm: it did not within 2 s; it {why};"
+    ):
+        cubepath_network.start("ear", command, listens="robot/arm", timeout_s=2)
+
+
 def test_messages_of_others_are_not_decoded(ends: Ends) -> None:
     """Bytes that are a message of cubepath are bytes; what only such messages have is refused."""
     ends.say(encode(Ready(1, 0, "sense")).decode(), key="cubepath/r/ready/process_0")
@@ -156,7 +274,12 @@ def test_messages_of_others_are_not_decoded(ends: Ends) -> None:
         (lambda n: n.drop(kind="claim"), "kind: expected one of key, sender, to, where"),
         (lambda n: n.kill("a", at=3), "at=3: expected a key, as 'robot/\\*\\*', or a Pattern"),
         (lambda n: n.drop(to="a", sender="a"), "sender and to: a receiver does not know"),
-        (lambda n: n.log.count(sender="arm"), "arm: expected one of a$"),
+        (lambda n: n.log.count(sender="arm"), "arm: not started yet, expected one of a, or "),
+        (lambda n: n.kill("b"), r"b: not started yet, .*network\.endpoint\('b'\) before$"),
+        (lambda n: n.inject([NetworkFault("cut", "b")]), "b: not started yet"),
+        (lambda n: n.drop(time=1), "time: expected one of key, sender, to, where, times, "),
+        (lambda n: n.log.count(time=1), "time: expected one of key, sender, to, where$"),
+        (lambda n: n.start("b", "true", listens="k//"), "key='k//': expected a key expression"),
         (lambda n: n.start("router", "true"), "name='router': expected a name for a process"),
         (lambda n: n.restart("a"), "restart: a: expected one of none$"),
         (lambda _: NetworkFault(UNKNOWN, "a"), "kind=loss: expected one of drop, "),
@@ -175,10 +298,12 @@ def test_processes_are_killed_paused_and_started_again(cubepath_network: Network
     network.endpoint("arm")
     network.inject([NetworkFault("restart", "arm", nth=3)])
     first = network.start("arm", arm(1000), cwd=Path("/"))
+    pid = first.pid
     network.until("robot/arm/pose", times=4)
-    network.until(lambda _: network.commands["arm"].pid != first.pid)
-    assert not is_there(first.pid)
+    network.until(lambda _: first.pid != pid)
+    assert not is_there(pid)
     again = network.commands["arm"]
+    assert again is first
     network.until("robot/arm/pose", where=lambda seen: seen.data == b"0", times=2)
     network.pause("arm")
     stat = Path(f"/proc/{again.pid}/stat")
@@ -227,12 +352,13 @@ def test_a_flood_takes_bounded_memory() -> None:
 def test_a_log_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     """It never says a wrong number."""
     monkeypatch.setattr(network_log, "KEPT_MAX", 3)
-    monkeypatch.setattr(network_log, "KEYS_MAX", 2)
+    monkeypatch.setattr(network_log, "KEYS_MAX", 3)
     log = MessageLog({"a"})
     for number in range(8):
-        log.add(WireMessage(f"k/{number % 2}", b"\xff", link="a"), number == 7)
+        log.add(WireMessage(f"k/{number % 2}", b"\xff", link="a", lost=number == 7))
     assert (log.count("k/*"), log.count("k/0", sender="a"), len(log.messages())) == (7, 4, 2)
-    log.add(WireMessage("k/2", b"", link="a"), False)
+    assert (log.count("k/*", lost=True), log.count("k/0", lost=True)) == (1, 0)
+    log.add(WireMessage("k/2", b"", link="a"))
     with pytest.raises(CheckError, match=r"1 are not counted$"):
         log.count("k/0")
 

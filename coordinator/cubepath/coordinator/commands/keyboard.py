@@ -74,16 +74,21 @@ def keys_in(data: bytes) -> list[str]:
     return [_NAMES.get(each) or each.decode("ascii", "replace") for each in found]
 
 
-def order_of(key: str, start: str) -> tuple[str, dict[str, str]] | None:
-    """Return what a key orders; None if nothing. `start` is where the replay begins."""
-    return ("seek", {"to": start}) if key == "0" else _ORDERS.get(key)
+def order_of(key: str, start: str, step: str = "round") -> tuple[str, dict[str, str]] | None:
+    """Return what a key orders; None if nothing. `start` is where the replay begins.
+
+    Without a name for a `step`, messages have no rounds, and a step is a message.
+    """
+    found = ("seek", {"to": start}) if key == "0" else _ORDERS.get(key)
+    return (found[0], {}) if found and not step and "unit" in found[1] else found
 
 
 def status_line(status: PlayerStatus, step: str) -> str:
     """Return where a player stands, in a line: what comes next, and how fast."""
-    where = f"at the end, after {step} {status.round}"
+    where = f"at the end, after {step} {status.round}" if step else "at the end"
     if status.message < status.messages:
-        where = f"next: {step} {status.round}, message {status.message + 1} of {status.messages}"
+        at = f"{step} {status.round}, " if step else ""
+        where = f"next: {at}message {status.message + 1} of {status.messages}"
     laps = f", lap {status.laps + 1}" if status.laps else ""
     return (
         f"{status.state}, {where}, {status.time_s:.2f} of {status.seconds:.2f} s,"
@@ -171,7 +176,7 @@ def play_by_keys(player: Player, start: str, step: str) -> None:
         try:
             while not player.over:
                 for key in keys.pressed(_TICK_S):
-                    _press(player, key, start)
+                    _press(player, key, start, step)
                 _show(status_line(player.position, step))
         except CubepathError:
             if not player.over:
@@ -181,8 +186,8 @@ def play_by_keys(player: Player, start: str, step: str) -> None:
             _show("")
 
 
-def _press(player: Player, key: str, start: str) -> None:
-    order = order_of(key, start)
+def _press(player: Player, key: str, start: str, step: str) -> None:
+    order = order_of(key, start, step)
     if order is None:
         if key == "?":
             _show("")

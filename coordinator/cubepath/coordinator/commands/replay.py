@@ -32,7 +32,10 @@ _PLAYER = (
     *("topics", "exclude", "remap", "run"),
 )
 """Options of the player, which plays a recording as it is."""
-_OF_KEYS = ("log", "run", "endpoint", "messages", "left_out", "seconds", "complete", "problems")
+_OF_KEYS = (
+    *("log", "run", "endpoint", "messages", "left_out", "seconds", "complete", "problems"),
+    "heard",
+)
 """What is told of messages on any keys, which have nothing to compare them with."""
 _WAIT_S = 60.0
 _seconds = usage.number("0 or more seconds", lambda found: found >= 0)
@@ -158,7 +161,8 @@ def _replay(options: argparse.Namespace) -> int:
         rows = [row for row in rows if row[0] in ("messages", "not played", "time")]
     console.answer(options, document, console.table(rows))
     lacking = () if found.lacking is None else (found.lacking,)
-    for line in (*recording.problems, *lacking, *found.differences):
+    unheard = () if found.heard else ("nobody subscribed to what was put",)
+    for line in (*recording.problems, *lacking, *found.differences, *unheard):
         console.complain(f"{recording.path}: {line}")
     return console.DONE if found.agrees else console.FAILED
 
@@ -215,7 +219,8 @@ def _played(options: argparse.Namespace, recording: Recording) -> ReplayResult:
         with Player(recording, hold=False, **asked) as player:
             announce(player.endpoint, player.run)
             step = "level" if recording.clock == "free" else "round"
-            play_by_keys(player, options.begin or "0", step)
+            start = options.begin or ("0s" if recording.of_keys else "0")
+            play_by_keys(player, start, "" if recording.of_keys else step)
             return player.wait()
     from cubepath.coordinator.playback.player import replay  # noqa: PLC0415
 

@@ -88,6 +88,8 @@ class ReplayResult:
     after: int = 0
     """After which round the numbers count: where it last jumped to, or rounds are missing."""
     clock: Clock = "lockstep"
+    heard: bool = True
+    """Whether anyone subscribed to what was put, of messages on any keys."""
 
     @property
     def steps(self) -> str:

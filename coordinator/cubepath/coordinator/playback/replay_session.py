@@ -56,6 +56,8 @@ _PATIENCE_S_MAX = 30.0
 _REST_S_MAX = 0.5
 """The longest single wait: a signal that comes just before one is noticed after it."""
 _LOOK_S = 0.05
+_NAMED = 4
+"""An error names no more keys."""
 
 Progress: TypeAlias = Callable[[int], object]
 """Called now and then with the number of messages that have arrived since the last call."""
@@ -260,9 +262,8 @@ class ReplaySession:
             ]
             while not (any(map(sessions.is_heard, said)) or self._machine.stopped):
                 if time.monotonic() >= deadline:
-                    raise CheckError(
-                        f"no subscriber to {' or '.join(waited)} within {self._wait_s:g} s"
-                    )
+                    named = " or ".join(waited[:_NAMED]) + " ..." * (len(waited) > _NAMED)
+                    raise CheckError(f"no subscriber to {named} within {self._wait_s:g} s")
                 self._rest_until(time.monotonic() + _LOOK_S)
                 self._take_what_is_there()
                 self._answer()

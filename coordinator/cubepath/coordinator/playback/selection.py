@@ -126,7 +126,8 @@ class KeyMapping:
         if private and self._recording.of_keys:
             raise InputError(
                 f"{self._recording.path}: messages on any keys, expected where your programs are:"
-                " --listen ENDPOINT for a router of its own, or --connect ENDPOINT for yours"
+                " endpoint=ENDPOINT (--listen) for a router of its own, or connect=ENDPOINT"
+                " (--connect) for yours"
             )
         for old, new in self.remap:
             if private and new.startswith("/") and not new.startswith(f"/{ROOT}/"):
@@ -158,6 +159,10 @@ class KeyMapping:
         """Return the key of a message; InputError with its place if it is malformed."""
         found = self._plain(record)
         return self._remapped(record.topic, found) if self.remap else found
+
+    def key_of_topic(self, topic: str) -> str:
+        """Return the key on which the messages of a topic are put, if they are on any keys."""
+        return self._remapped(topic, key_in(topic))
 
     def _plain(self, record: Record) -> str:
         if self._recording.of_keys:

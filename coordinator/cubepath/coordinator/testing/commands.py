@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from itertools import takewhile
 from pathlib import Path
 from typing import IO, Any, Self, TypeAlias
@@ -23,7 +24,7 @@ from cubepath.coordinator.testing.wire_messages import short
 from cubepath.protocol.core.errors import CheckError, InputError
 
 _END_S_MAX = 10.0
-_LINES_SHOWN = 10
+_LINES_SHOWN, _SHOWN_MAX = 10, 300
 _POLL_S = 0.01
 _STDERR_MAX = 1 << 14
 CommandLine: TypeAlias = "str | Sequence[str]"
@@ -140,33 +141,40 @@ class Command:
         name: str = "",
         env: Mapping[str, str] | None = None,
         cwd: Path | None = None,
+        timeout_s: float = 30.0,
         **texts: str,
     ) -> None:
         """Start it; a text is split as a shell does. InputError if there is no such program.
 
         `env` is added to the environment of this process. Each of `texts`, as ``endpoint``, stands
         for ``{endpoint}`` in the command, and is in the environment as ``CUBEPATH_ENDPOINT``.
+        `timeout_s` is for how long it is waited for, unless a call says otherwise.
         """
-        arguments = check_command(command)
-        for key, value in texts.items():
-            arguments = [text.replace(f"{{{key}}}", value) for text in arguments]
+        arguments = _filled(check_command(command), texts)
         own = {f"CUBEPATH_{key.upper()}": value for key, value in texts.items()}
         if not arguments:
             raise InputError("command: is empty, expected a program and its arguments")
         self.arguments = arguments
         self.name = name or Path(arguments[0]).name
+        self.timeout_s = timeout_s
         self._changed = threading.Condition()
         self._lines = {"out": _Lines(), "err": _Lines()}
-        self._subreaper, report = new_subreaper(
-            arguments,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            cwd=cwd,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", **own, **(env or {})},
-        )
+        self._cwd = cwd
+        self._env = {**os.environ, "PYTHONUNBUFFERED": "1", **own, **(env or {})}
         self._readers: list[threading.Thread] = []
+        self._restarting = False
         self.pid = 0
         """The process id of the command itself."""
+        self._start()
+
+    def _start(self) -> None:
+        self._subreaper, report = new_subreaper(
+            self.arguments,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            cwd=self._cwd,
+            env=self._env,
+        )
         try:
             self._begin(report)
         except BaseException:
@@ -174,7 +182,26 @@ class Command:
             raise
         if not self.pid:
             self.close()
-            raise InputError(f"command: {short(self.err) or arguments[0]}")
+            raise InputError(f"command: {short(self.err) or self.arguments[0]}")
+
+    def restart(self, when: Callable[[], bool] = lambda: True) -> None:
+        """Start it again, once it has ended and something holds (at most 10 s later).
+
+        If it runs, it is killed. Its lines follow those of before, and who waits for its end waits
+        for the new one's.
+        """
+        self._restarting = True
+        try:
+            self.close()
+            deadline = time.monotonic() + _END_S_MAX
+            while not when() and time.monotonic() < deadline:
+                time.sleep(_POLL_S)
+            self._readers = []
+            self._start()
+        finally:
+            with self._changed:
+                self._restarting = False
+                self._changed.notify_all()
 
     def _begin(self, report: int) -> None:
         """Read what it says, and wait for its process id."""
@@ -208,19 +235,22 @@ class Command:
     @property
     def returncode(self) -> int | None:
         """Return its exit code, or minus the signal that ended it; None as long as it runs."""
-        return self._subreaper.poll()
+        return None if self._restarting else self._subreaper.poll()
 
     def signal(self, number: int = signal.SIGKILL) -> None:
         """Send a signal to it and what it has started in its process group."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, number)
 
-    def says(self, pattern: str, timeout_s: float = 30.0, *, again: bool = False) -> re.Match[str]:
+    def says(
+        self, pattern: str, timeout_s: float | None = None, *, again: bool = False
+    ) -> re.Match[str]:
         """Wait for a line, of either stream, in which a pattern is found; return the match.
 
         With `again` the line has to come after the one that was found last. CheckError with what it
         printed instead if it ends or the time is over before.
         """
+        timeout_s = self.timeout_s if timeout_s is None else timeout_s
         deadline = time.monotonic() + timeout_s
         with self._changed:
             at = {kind: lines.found if again else 0 for kind, lines in self._lines.items()}
@@ -233,7 +263,7 @@ class Command:
                             return found
                     at[kind] = lines.count
                 left = deadline - time.monotonic()
-                over = not any(reader.is_alive() for reader in self._readers)
+                over = not (self._restarting or any(each.is_alive() for each in self._readers))
                 if over or left <= 0:
                     why = (
                         f"ended ({self.returncode})" if over else f"did not within {timeout_s:g} s"
@@ -241,13 +271,20 @@ class Command:
                     raise CheckError(f"{self.name} says {pattern!r}: it {why}; {self.last_lines}")
                 self._changed.wait(min(left, 0.1))
 
-    def until(self, holds: Callable[[], bool], what: str, timeout_s: float = 30.0) -> None:
+    def until(
+        self,
+        holds: Callable[[], bool],
+        what: str,
+        timeout_s: float | None = None,
+        why_not: Callable[[], str] = lambda: "",
+    ) -> None:
         """Wait until something holds of it; CheckError if it ends or the time is over before."""
+        timeout_s = self.timeout_s if timeout_s is None else timeout_s
         deadline = time.monotonic() + timeout_s
         while not holds():
             over = self.returncode is not None
             if over or time.monotonic() > deadline:
-                why = "ended before" if over else f"did not within {timeout_s:g} s"
+                why = "ended before" if over else f"did not within {timeout_s:g} s{why_not()}"
                 raise CheckError(f"{self.name} {what}: it {why}; {self.last_lines}")
             time.sleep(_POLL_S)
 
@@ -259,12 +296,21 @@ class Command:
                 kind: " | ".join(line for _, line in lines.since(lines.count - _LINES_SHOWN))
                 for kind, lines in self._lines.items()
             }
-        return short("; ".join(f"std{kind}: {text or 'nothing'}" for kind, text in tails.items()))
+        return "; ".join(f"std{kind}: {_end_of(text) or 'nothing'}" for kind, text in tails.items())
 
-    def wait(self, timeout_s: float = 30.0) -> int:
+    def wait(self, timeout_s: float | None = None) -> int:
         """Wait for its end; return its exit code. CheckError if it does not end within the time."""
+        timeout_s = self.timeout_s if timeout_s is None else timeout_s
+        deadline = time.monotonic() + timeout_s
         try:
-            code = self._subreaper.wait(timeout_s)
+            while True:
+                child = self._subreaper
+                code = child.wait(max(0.0, deadline - time.monotonic()))
+                with self._changed:
+                    left = deadline - time.monotonic()
+                    self._changed.wait_for(lambda: not self._restarting, max(0.0, left))
+                    if child is self._subreaper:
+                        break
         except subprocess.TimeoutExpired:
             raise CheckError(
                 f"{self.name} did not end within {timeout_s:g} s; {self.last_lines}"
@@ -289,6 +335,25 @@ class Command:
     def __exit__(self, *_: object) -> None:
         """End it."""
         self.close()
+
+
+def _filled(arguments: list[str], texts: Mapping[str, str]) -> list[str]:
+    """Return the arguments of a command with texts for their names; InputError for a near name."""
+    places = {f"{{{key}}}": value for key, value in texts.items()}
+    whole = " ".join(arguments)
+    if not any(place in whole for place in places):
+        for found in re.findall(r"\{\w+\}", whole):
+            for near in get_close_matches(found, places, n=1, cutoff=0.8):
+                raise InputError(f"command: {found}: expected {near}")
+    for place, value in places.items():
+        arguments = [text.replace(place, value) for text in arguments]
+    return arguments
+
+
+def _end_of(text: str) -> str:
+    """Return a text in one line, of a long one its end, where programs say why they failed."""
+    line = " ".join(text.split())
+    return line if len(line) <= _SHOWN_MAX else f"...{line[3 - _SHOWN_MAX :]}"
 
 
 class Joiners:
@@ -328,7 +393,9 @@ class Joiners:
     def start(self, way: Callable[[str], str]) -> None:
         """Start all; the way is where the one of a name finds the run."""
         for name, line in self.lines.items():
-            self.running[name] = Command(line, name=name, env=self._env, endpoint=way(name))
+            self.running[name] = Command(
+                line, name=name, env=self._env, timeout_s=self._timeout_s, endpoint=way(name)
+            )
 
     def over(self) -> None:
         """Have it that all are there: who ends from now on, ends in the run."""

@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from queue import Empty, SimpleQueue
 from typing import Any, Literal, Self, TypeAlias, cast
@@ -49,8 +49,8 @@ _PUBLISHERS_MAX = 512
 _END_S_MAX = 10.0
 
 Cut: TypeAlias = Literal["", "lost", "kept"]
-Tap: TypeAlias = Callable[[WireMessage, bool], None]
-"""Called with each message before it is passed on, and whether it is lost instead."""
+Tap: TypeAlias = Callable[[WireMessage], None]
+"""Called with each message before it is passed on, or when it is lost."""
 
 
 @dataclass(slots=True, eq=False)
@@ -63,6 +63,8 @@ class _Put:
     """In bytes, until it is counted as carried."""
     seen: WireMessage | None = None
     """What tap and rules see; None if nobody looks, or the process does not listen to it."""
+    has_left: bool = False
+    """Whether a copy of it has left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +232,9 @@ class ProxyDirection:
         self._bytes_out += item.size
         item.size = 0
         if self._tap is not None and item.seen is not None:
-            self._tap(item.seen, lost)
+            now = time.time()
+            self._tap(replace(item.seen, at_s=now, lost=lost, copied=item.has_left))
+        item.has_left = True
 
     def _fate(self, seen: WireMessage) -> Fate | None:
         try:
@@ -435,6 +439,13 @@ class LinkProxy:
     def listens(self, key: str) -> bool:
         """Return whether the process listens to any key of an expression."""
         return self.down.listens(key)
+
+    @property
+    def subscribes(self) -> str:
+        """Whether the process has connected, and subscribes to anything, in words."""
+        if not [*self._far.info.transports()]:
+            return "has not connected"
+        return f"is connected, and subscribes to {'other keys' if self.listens(ALL) else 'nothing'}"
 
     @property
     def warning(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import Any, Literal, Self, TypeAlias, get_args
 
 from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.coordinator.testing.log import What
-from cubepath.coordinator.testing.network_log import MessageLog
+from cubepath.coordinator.testing.network_log import KEYS, MessageLog, known_process
 from cubepath.coordinator.testing.process_faults import PlannedFault, ProcessFaults, Target, When
 from cubepath.coordinator.testing.rules import Action, Direction, Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import WireMessage
@@ -72,6 +73,8 @@ class NetworkUnderTest(ProcessFaults):
     ...     network.until("robot/arm/done")
     """
 
+    _of_patterns = KEYS
+
     def __init__(self, *, timeout_s: float = 30.0) -> None:
         """Plan it; `timeout_s` is how long things are awaited."""
         super().__init__(links=True)
@@ -79,7 +82,8 @@ class NetworkUnderTest(ProcessFaults):
         self.commands: dict[str, Command] = {}
         self.log = MessageLog(self.links.keys())
         """All messages so far."""
-        self._lines: dict[str, Callable[[], Command]] = {}
+        self._listening: dict[str, tuple[str, float]] = {}
+        self._injected: list[tuple[str, Rule | PlannedFault]] = []
         self._everywhere: list[Rule] = []
         self._router: Router | None = None
         self._launching = threading.Lock()
@@ -97,13 +101,21 @@ class NetworkUnderTest(ProcessFaults):
         self.close(check=kind is None)
 
     def close(self, *, check: bool = False) -> None:
-        """End all processes, links and the router; with `check` as `RunUnderTest.close`."""
+        """End all processes, links and the router; with `check` as `RunUnderTest.close`.
+
+        Then each rule, and each fault at a message, that has met none is a warning. Those of
+        `inject` are not: as they are counted and often drawn, they may come too late.
+        """
         with self._launching:
             router, self._router = self._router, None  # from now on nothing is started
         with ExitStack() as stack:
             if router is not None:
                 stack.callback(router.close)
             stack.callback(super().close, check=check)
+        for what, fault in self._faults if check else ():
+            if _standing(fault) in ("to come", "met 0"):
+                warnings.warn(f"{what}: met no message", stacklevel=2)
+        self._faults.clear()
 
     def _running(self) -> Router:
         if self._router is None:
@@ -134,56 +146,87 @@ class NetworkUnderTest(ProcessFaults):
         listens: str = "",
         env: Mapping[str, str] | None = None,
         cwd: Path | None = None,
+        timeout_s: float | None = None,
     ) -> Command:
         """Start a command under a name; ``{endpoint}`` in it is where it connects.
 
         That is in ``CUBEPATH_ENDPOINT`` too. With `listens` wait until it has subscribed to any key
         of that expression: what is put before is lost. CheckError if it ends before, or does not
-        within `timeout_s`; InputError for no command, and a name that is taken.
+        within `timeout_s`, by default that of the network; InputError for no command, and a name
+        that is taken. What is returned stays that command when it is started again.
         """
         check_command(command)
+        patience = seconds("timeout_s", self.timeout_s if timeout_s is None else timeout_s)
+        self._pattern(listens)
         endpoint = self.endpoint(name)
         if name in self.commands and self.commands[name].returncode is None:
             raise InputError(f"{name}: runs already, expected another name, or restart({name!r})")
-        self._lines[name] = lambda: Command(command, name=name, env=env, cwd=cwd, endpoint=endpoint)
-        found = self._launch(name)
-        if listens:
-            link = self.links[name]
-            found.until(lambda: link.listens(listens), f"listens to {listens}", self.timeout_s)
-        return found
-
-    def _launch(self, name: str) -> Command:
+        self._listening[name] = listens, patience
         with self._launching:
             self._running()
-            before = self.commands.get(name)
-            if before is not None:
-                self._wounded.add(name)
-                before.close()
-            found = self.commands[name] = self._lines[name]()
-            self._known[name] = found.pid
-            self._paused.pop(name, None)
-            self._wounded.discard(name)
+            if name in self.commands:
+                self.commands[name].close()
+            found = self.commands[name] = Command(
+                command, name=name, env=env, cwd=cwd, timeout_s=patience, endpoint=endpoint
+            )
+            self._has_started(name)
+        self._wait_until_it_listens(name)
         return found
 
+    def _has_started(self, name: str) -> None:
+        self._known[name] = self.commands[name].pid
+        self._paused.pop(name, None)
+        self._wounded.discard(name)
+        self._note(f"{name} started")
+
+    def _wait_until_it_listens(self, name: str) -> None:
+        (key, patience), link = self._listening[name], self.links[name]
+        if key:
+            self.commands[name].until(
+                lambda: link.listens(key),
+                f"listens to {key}",
+                patience,
+                lambda: f"; it {link.subscribes}",
+            )
+
     def restart(self, target: Target) -> None:
-        """Start a process again with its command; one that runs is killed before."""
+        """Start a process again with its command; one that runs is killed before.
+
+        It waits as `start` does, but not at a message, where others would wait for it.
+        """
         name = self.name_of(target)
-        known_name("restart: ", name, sorted(self._lines))
-        self._launch(name)
+        known_name("restart: ", name, sorted(self.commands))
+        key, link = self._listening[name][0], self.links[name]
+        waits = threading.get_ident() != self._notices_in
+        with self._launching:
+            self._running()
+            self._wounded.add(name)
+            # What the process listened to is known until zenoh notices that it has ended.
+            self.commands[name].restart(lambda: not (key and waits and link.listens(key)))
+            self._has_started(name)
+        if waits:
+            self._wait_until_it_listens(name)
+
+    def name_of(self, target: Target) -> str:
+        """Return the name of a process that is there; InputError for another."""
+        return known_process(target, {*self.pids, *self.links})
 
     # What is planned.
 
-    def _on_message(self, seen: WireMessage, lost: bool) -> None:  # noqa: FBT001 - a `Tap`
+    def _on_message(self, seen: WireMessage) -> None:
         self._notice(seen)
-        self.log.add(seen, lost)
+        self.log.add(seen)
+
+    def _note(self, done: str) -> None:
+        self.log.note(done)
 
     def _pattern(self, what: What = "", **options: Any) -> Pattern:
         return self.log.pattern(what, **options)
 
-    def _do(self, at: When, act: Callable[[], None]) -> PlannedFault:
+    def _do(self, at: When, act: Callable[[], None], what: str) -> PlannedFault:
         if isinstance(at, int):
             raise InputError(f"at={at}: expected a key, as 'robot/**', or a Pattern")
-        return super()._do(at, act)
+        return super()._do(at, act, what)
 
     def _place(self, pattern: Pattern, **rule: Any) -> Rule:
         made = super()._place(pattern, **rule)
@@ -199,7 +242,7 @@ class NetworkUnderTest(ProcessFaults):
     def inject(self, faults: Iterable[NetworkFault]) -> None:
         """Have faults happen, each at its message, counted from now on."""
         for fault in faults:
-            link = self.link_of(fault.process)
+            link = self.link_of(self.name_of(fault.process))
             at = Pattern(sender=link.name, where=_after(fault.nth))
             if fault.kind == "pause":
                 self.pause(link.name, at, seconds=fault.seconds)
@@ -211,6 +254,8 @@ class NetworkUnderTest(ProcessFaults):
                     action=action, after=fault.nth, times=fault.count, seconds=fault.seconds
                 )
                 link.add(rule, ("up", "down") if fault.kind == "cut" else (fault.way,))
+                self._faults.append(("", rule))
+            self._injected.append((str(fault), self._faults.pop()[1]))
 
     # What is awaited.
 
@@ -252,14 +297,23 @@ class NetworkUnderTest(ProcessFaults):
                 self.log.changed.wait(_POLL_S)
 
     def seen(self) -> str:
-        """Return what was seen so far: each process, and the log."""
+        """Return what was seen so far: each process, each fault, and the log."""
         lines = [self.about(name, pid) for name, pid in self._known.items()]
         lines += [f"{name}: {each}" for name, link in self.links.items() if (each := link.warning)]
+        faults = [*self._faults, *self._injected]
+        lines += ["faults:"] if faults else []
+        lines += [f"  {what}: {_standing(fault)}" for what, fault in faults]
         return "\n".join([*lines, str(self.log)])
 
     def report_lines(self) -> list[str]:
         """Return what the report of a failed test shows."""
         return [self.seen()]
+
+
+def _standing(fault: Rule | PlannedFault) -> str:
+    if isinstance(fault, Rule):
+        return f"met {fault.count}"
+    return "done" if fault.done else "to come"
 
 
 def _after(nth: int) -> Callable[[WireMessage], bool]:

@@ -61,6 +61,7 @@ class ProcessFaults:
 
     commands: dict[str, Command]
     _tap: Tap | None = None
+    _of_patterns: tuple[str, ...] = tuple(Pattern.__slots__)
 
     def __init__(self, *, links: bool | Collection[str]) -> None:
         """Put links before all processes, none, or those of these names; InputError for others."""
@@ -73,11 +74,14 @@ class ProcessFaults:
         self._known: dict[str, int] = {}
         self._modules: dict[str, tuple[int, ...]] = {}
         self._planned: list[PlannedFault] = []
+        self._faults: list[tuple[str, Rule | PlannedFault]] = []
         self._wounded: set[str] = set()
         self._paused: dict[str, int] = {}
         self._timers: dict[tuple[str, str], threading.Timer] = {}
         self._raised: Exception | None = None
         self._noticing = threading.RLock()
+        self._notices_in = 0
+        """The thread in which something happens at a message, which others wait for."""
 
     # The processes.
 
@@ -164,9 +168,9 @@ class ProcessFaults:
     def _rule(self, action: Action, what: What, options: dict[str, Any]) -> Rule:
         own = (*_OF_RULES, *_OF_ACTIONS.get(action, ()))
         ours = {key: options.pop(key) for key in own if key in options}
-        strange = options.keys() - set(Pattern.__slots__)
+        strange = options.keys() - set(self._of_patterns)
         if strange:
-            known_name("", min(strange), (*Pattern.__slots__, *own))
+            known_name("", min(strange), (*self._of_patterns, *own))
         pattern = self._pattern(what, **options)
         return self._place(pattern, action=action, **ours)
 
@@ -180,6 +184,7 @@ class ProcessFaults:
         end = pattern.sender if pattern.to is None else pattern.to
         for link in self.links.values() if end is None else [self.link_of(end)]:
             link.add(made, (way,))
+        self._faults.append((str(made), made))
         return made
 
     def clear(self) -> None:
@@ -203,7 +208,12 @@ class ProcessFaults:
         others continue.
         """
         name = self.name_of(target)
-        return self._do(at, lambda: self._signal(name, signal.SIGKILL))
+
+        def act() -> None:
+            self._signal(name, signal.SIGKILL)
+            self._note(f"{name} killed")
+
+        return self._do(at, act, f"kill {name}")
 
     def pause(
         self, target: Target, at: When = None, *, seconds: float | None = None
@@ -223,9 +233,10 @@ class ProcessFaults:
             self.guard.watch(pid)  # who stands still does not notice that all others have ended
             self._paused[name] = pid
             self._signal(name, signal.SIGSTOP)
+            self._note(f"{name} paused")
             self._after(seconds, lambda: self._resume(name), "resume", name)
 
-        return self._do(at, act)
+        return self._do(at, act, f"pause {name}")
 
     def _after(
         self, seconds: float | None, act: Callable[[], object], what: str, name: str
@@ -249,10 +260,12 @@ class ProcessFaults:
             self._cancel("resume", name)
             self._resume(name)
 
-        return self._do(at, act)
+        return self._do(at, act, f"resume {name}")
 
     def _resume(self, name: str) -> None:
         pid = self._paused.pop(name, None)
+        if pid is not None:
+            self._note(f"{name} resumed")
         if pid is not None and name in self.commands:
             self.commands[name].signal(signal.SIGCONT)
         elif pid is not None:
@@ -274,9 +287,14 @@ class ProcessFaults:
         def act() -> None:
             self._cancel("heal", link.name)
             link.cut(keep=keep)
-            self._after(seconds, link.heal, "heal", link.name)
+            self._note(f"{link.name} cut off")
+            self._after(seconds, lambda: self._heal(link), "heal", link.name)
 
-        return self._do(at, act)
+        return self._do(at, act, f"cut off {link.name}")
+
+    def _heal(self, link: LinkProxy) -> None:
+        self._note(f"{link.name} healed")
+        link.heal()
 
     def heal(self, target: Target | None = None, at: When = None) -> PlannedFault:
         """Heal the link of a process, or all links."""
@@ -287,15 +305,18 @@ class ProcessFaults:
         def act() -> None:
             for link in links:
                 self._cancel("heal", link.name)
-                link.heal()
+                self._heal(link)
 
-        return self._do(at, act)
+        return self._do(at, act, f"heal {', '.join(link.name for link in links)}")
 
     def when(self, at: When, act: Callable[[], None]) -> PlannedFault:
         """Have a function called in a round or at a level, or at a message; it may not continue."""
-        return self._do(at, act)
+        return self._do(at, act, "call a function")
 
-    def _do(self, at: When, act: Callable[[], None]) -> PlannedFault:
+    def _note(self, done: str) -> None:
+        """Note what was done to a process; a network has it in its log."""
+
+    def _do(self, at: When, act: Callable[[], None], what: str) -> PlannedFault:
         if not callable(act):
             raise InputError(f"{act!r}: expected a function")
         if at is None:
@@ -305,7 +326,10 @@ class ProcessFaults:
         if isinstance(at, int):
             whole_number("at", at, 0)
             return self._plan(lambda seen: (seen.round or 0) >= at, act)
-        return self._plan(self._pattern(at).holds, act)
+        pattern = self._pattern(at)
+        planned = self._plan(pattern.holds, act)
+        self._faults.append((f"{what} at {pattern}", planned))
+        return planned
 
     def _plan(
         self, pattern: Callable[[WireMessage], bool], act: Callable[[], None]
@@ -317,6 +341,7 @@ class ProcessFaults:
     def _notice(self, seen: WireMessage) -> None:
         """Have that happen which was planned for a message."""
         with self._noticing:
+            self._notices_in = threading.get_ident()
             for planned in tuple(self._planned):
                 try:
                     if not planned.done and planned.pattern(seen):
@@ -324,6 +349,7 @@ class ProcessFaults:
                         planned.do(seen)
                 except Exception as error:  # noqa: BLE001 - the test's, and no end of what runs
                     self._raised = self._raised or error
+            self._notices_in = 0
 
     def _raise_again(self) -> None:
         """Raise what something that was planned has raised."""

@@ -55,10 +55,10 @@ class Listener:
         def announce(endpoint: str, run: str) -> None:
             link = self._resources.enter_context(LinkProxy("listener", endpoint))
 
-            found = Command(command, env=env, endpoint=link.endpoint, run=run)
+            found = Command(command, env=env, timeout_s=timeout_s, endpoint=link.endpoint, run=run)
             self._command = self._resources.enter_context(found)
             listens = f"cubepath/{run}/**"
-            found.until(lambda: link.listens(listens), "listens to the run", timeout_s)
+            found.until(lambda: link.listens(listens), "listens to the run")
 
         try:
             self.replayed: ReplayResult = replay(

@@ -47,6 +47,10 @@ class WireMessage:
     """The process of yours on whose link it was seen; None in runs."""
     down: bool = False
     """Whether it was on its way to that process, not from it."""
+    lost: bool = False
+    """Whether it was lost on that link."""
+    copied: bool = False
+    """Whether it is a further copy, which a rule of that link made."""
 
     @cached_property
     def message(self) -> wire.Message | free_messages.FreeMessage | None:

@@ -4,7 +4,7 @@ import json
 import sys
 from pathlib import Path
 
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 
 from cubepath.coordinator.testing import NetworkFault, NetworkUnderTest, WireMessage, network_faults
 
@@ -21,7 +21,7 @@ def sell(network: NetworkUnderTest, *faults: NetworkFault) -> None:
     """Run a store and a till under faults, until the till has all sales acknowledged."""
     store = [sys.executable, f"{HERE / 'store.py'}", "{endpoint}"]
     network.start("store", store, listens="stock/sale")
-    network.endpoint("till")
+    network.endpoint("till")  # from now on there is a link that faults can strike
     network.inject(faults)
     till = [sys.executable, f"{HERE / 'till.py'}", "{endpoint}", str(SALES)]
     assert network.start("till", till).wait() == 0
@@ -35,7 +35,11 @@ def test_a_link_that_is_cut_loses_no_sale(cubepath_network: NetworkUnderTest) ->
 
 
 @given(network_faults(["store", "till"], kinds=["cut", "drop", "double", "delay", "pause"]))
-@settings(max_examples=20, deadline=None)
+@settings(
+    max_examples=20,
+    deadline=None,
+    phases=[Phase.explicit, Phase.reuse, Phase.generate],  # to shrink real processes takes minutes
+)
 def test_no_fault_loses_a_sale(faults: list[NetworkFault]) -> None:
     """Nor sells anything twice."""
     with NetworkUnderTest() as network:

@@ -105,18 +105,25 @@ class MessageSelection:
         return (each for each in recording.written(rounds=rounds) if self.keeps(each))
 
 
-def check_topics(recording: Recording, selection: MessageSelection) -> None:
+_NAMED = 20
+"""An error names no more topics."""
+
+
+def check_topics(recording: Recording, selection: MessageSelection, *, of: str = "topics") -> None:
     """Raise InputError if a pattern of topics matches no topic of the recording."""
-    asked = [*(("topics", each) for each in selection.topics)]
+    asked = [*((of, each) for each in selection.topics)]
     asked += [("exclude", each) for each in selection.exclude]
     topics = recording.topics() if asked else ()
-    kinds = sorted({topic.partition("/")[0] for topic in topics})
+    if recording.of_keys:
+        kinds = sorted(set(map(key_in, topics)))
+    else:
+        kinds = sorted({topic.partition("/")[0] for topic in topics})
     for name, pattern in asked:
         if not any(_matches(topic, pattern) for topic in topics):
             near = did_you_mean(pattern, kinds)
             raise InputError(
                 f"{recording.path}: {name} {pattern}: nothing on record matches{near}, expected"
-                f" topics of {', '.join(kinds) or 'a recording with messages'}"
+                f" topics of {', '.join(kinds[:_NAMED]) or 'a recording with messages'}"
             )
 
 

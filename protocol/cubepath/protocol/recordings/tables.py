@@ -154,7 +154,8 @@ def _messages(recording: Recording) -> Columns:
         named = topics.get(record.topic)
         if named is None:
             kind, _, sender = record.topic.partition("/")
-            named = topics[record.topic] = kind, sender
+            named = (record.topic, "") if recording.of_keys else (kind, sender)
+            topics[record.topic] = named
         rows.append((record.round, record.wall_ns, record.sequence, *named, len(record.data)))
     names = ("round", "wall_ns", "sequence", "kind", "sender", "bytes")
     values = zip(*rows, strict=True) if rows else ((),) * len(names)

@@ -147,8 +147,9 @@ def open_router(
     }
     try:
         session = zenoh.open(_config("router", endpoint, **settings))
-    except zenoh.ZError:
-        raise InputError(f"endpoint {endpoint}: cannot listen there") from None
+    except zenoh.ZError as error:
+        why = ", it is in use" if "already in use" in str(error) else ""
+        raise InputError(f"endpoint {endpoint}: cannot listen there{why}") from None
     if endpoint.startswith(SCHEME) or not endpoint.endswith(":0"):
         return session, endpoint
     # The system chooses the port; the router's own admin space tells which.

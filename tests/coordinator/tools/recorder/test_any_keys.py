@@ -1,21 +1,27 @@
 """Messages of any zenoh programs: recorded as they are, cut and merged, and put back."""
 
+import csv
+import json
 import time
+from base64 import b64decode
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
+import pandas as pd
 import pytest
 import zenoh
 from mcap.reader import make_reader
 
+from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import Player, replay
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.tools.exports.exporting import export
 from cubepath.coordinator.tools.recorder.recorder import Recorder
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.recovery import recover
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.cutting import filter_recording, merge_recordings, split_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.stored_messages import Record
@@ -133,6 +139,40 @@ def test_a_replay_is_heard_as_the_programs_were(
     assert min(each.wall_ns for each in second) > max(each.round for each in first)
 
 
+@pytest.mark.parametrize(
+    ("options", "others", "own"),
+    [
+        ({"topics": ["robot/arm"]}, "robot/eye/*", "robot/arm"),
+        ({"remap": ["robot/arm=left/arm"], "topics": ["robot/arm"]}, "robot/arm", "left/*"),
+    ],
+)
+def test_a_replay_waits_for_subscribers_of_what_it_puts(
+    recorded: Path, endpoint: str, options: dict[str, list[str]], others: str, own: str
+) -> None:
+    """Those of other keys are not waited for, and it says if there were no others."""
+    heard: list[str] = []
+    given: Any = {"connect": endpoint, **options}
+    with open_client(endpoint) as session:
+        session.declare_subscriber(others, lambda _: None)
+        with pytest.raises(CheckError, match=rf"^no subscriber to {own[:4]}\S*/arm within 0\.3 s"):
+            replay(recorded, wait_for_subscribers=0.3, **given)
+        assert not replay(recorded, **given).heard
+        session.declare_subscriber(own, lambda sample: heard.append(sample.payload.to_string()))
+        assert replay(recorded, wait_for_subscribers=20, **given).heard
+        assert replay(recorded, **given).heard
+        _until(lambda: len(heard) == 8)
+
+
+def test_a_command_says_that_nobody_heard_a_replay(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It ends well all the same."""
+    assert (
+        main(["replay", str(recorded), "--listen", "tcp/127.0.0.1:0", "--topics", "robot/e*"]) == 0
+    )
+    assert "nobody subscribed to what was put" in capsys.readouterr().err
+
+
 def test_a_replay_is_paused_stepped_moved_and_remapped(recorded: Path, tmp_path: Path) -> None:
     """A step puts one message with its attachment, on another key if that is asked for."""
     with (
@@ -196,6 +236,19 @@ def test_cuts_and_merges_keep_every_message(recorded: Path, tmp_path: Path) -> N
     assert [*read_recording(tmp_path / "copy.mcap").records] == [*whence.records]
 
 
+def test_commands_cut_by_time(recorded: Path, tmp_path: Path) -> None:
+    """By log times, which have 64 bits, or by seconds since the first message."""
+    late = max(each.round for each in read_recording(recorded).records)
+    out = tmp_path / "late.mcap"
+    assert main(["log", "filter", str(recorded), "-o", str(out), "--from", str(late)]) == 0
+    assert {each.round for each in read_recording(out).records} == {late}
+    table = str(tmp_path / "all.csv")
+    export_all = ["log", "export", str(recorded), "--table", "messages", "-o", table]
+    assert main([*export_all, "--from", "0s", "--until", "60.5s"]) == 0
+    assert main([*export_all, "--from", "9999s"]) == 0
+    assert len(Path(table).read_text().splitlines()) == 1
+
+
 def test_two_recorders_together_have_each_message_once(endpoint: str, tmp_path: Path) -> None:
     """The router's timestamp tells which are the same: equal bytes are said often."""
     one, other = tmp_path / "one.mcap", tmp_path / "other.mcap"
@@ -221,13 +274,52 @@ def test_what_needs_a_run_refuses_it_in_a_line(recorded: Path, tmp_path: Path) -
         verify(recorded)
     with pytest.raises(InputError, match="messages on any keys, expected --table messages"):
         export(recorded, tmp_path / "moves.csv")
-    assert export(recorded, tmp_path / "all.csv", table="messages").count == SAID
+    assert export(recorded, tmp_path / "all.csv", table="messages").count == SAID - 3
     with pytest.raises(InputError, match="expected seconds, not rounds"):
         split_recording(recorded, tmp_path / "parts", rounds=1)
-    with pytest.raises(InputError, match="--listen ENDPOINT for a router of its own"):
+    with pytest.raises(InputError, match=r"endpoint=ENDPOINT \(--listen\) for a router of its own"):
         replay(recorded)
     with pytest.raises(InputError, match=r"from=12: .* expected a time"):
         replay(recorded, endpoint="tcp/127.0.0.1:0", begin=12)
+
+
+def test_a_table_has_every_message(endpoint: str, tmp_path: Path) -> None:
+    """A row each with its attachment; bytes that are no text come back from base64."""
+    path = tmp_path / "x.mcap"
+    said = [b"plain", b'{"x": [1]}', b'"text"', b"7", b"\0\xfe", b"base64:AA==", b"a\0b", b""]
+    with open_client(endpoint) as session, Recorder(endpoint, path, keys="t/**") as recorder:
+        session.put("t/other", b"x", congestion_control=BLOCK)
+        for each in said:
+            session.put("t/a", each, attachment=each or None, congestion_control=BLOCK)
+        _until(lambda: recorder.messages == 2 * len(said))
+    count = export(path, tmp_path / "x.csv", table="messages", kinds=["t/a"]).count
+    assert count == len(said)
+    with (tmp_path / "x.csv").open(newline="") as stream:
+        rows = [*csv.DictReader(stream)]
+    assert {(row["kind"], row["sender"]) for row in rows} == {("t/a", "")}
+    texts = [row["message"] for row in rows]
+    assert texts == [row["attachment"] for row in rows]
+    assert texts[:3] == ["plain", '{"x": [1]}', '"text"']
+    assert texts[4:6] == ["base64:AP4=", "base64:YmFzZTY0OkFBPT0="]
+    coded = [text.partition("base64:") for text in texts]
+    assert [b64decode(code) if sign else text.encode() for text, sign, code in coded] == said
+    export(path, tmp_path / "x.jsonl", table="messages", topics=["t/a"])
+    lines = [json.loads(line) for line in (tmp_path / "x.jsonl").read_text().splitlines()]
+    assert [line["message"] for line in lines] == [texts[0], {"x": [1]}, texts[2], 7, *texts[4:]]
+    assert lines[-1]["attachment"] is None
+    export(path, tmp_path / "x.parquet", table="messages")
+    frame = pd.read_parquet(tmp_path / "x.parquet")
+    assert frame["attachment"].fillna("").tolist() == ["", *texts]
+    assert frame["message"].tolist() == ["x", *texts]
+    own = read_recording(path).frame("messages")
+    assert {*own["kind"]} == {"t/other", "t/a", "t/a?attachment"}
+    assert {*own["sender"]} == {""}
+    with pytest.raises(InputError, match=r"kind t/b: .*\(did you mean 't/a'\?\), .* t/a, t/other$"):
+        export(path, tmp_path / "y.csv", table="messages", kinds=["t/b"])
+    with pytest.raises(
+        InputError, match=r"topics t/b: .*\(did you mean 't/a'\?\), .* t/a, t/other$"
+    ):
+        export(path, tmp_path / "y.csv", table="messages", topics=["t/b"])
 
 
 def test_wrong_keys_are_refused_before_anything_is_opened(tmp_path: Path) -> None:
@@ -237,6 +329,20 @@ def test_wrong_keys_are_refused_before_anything_is_opened(tmp_path: Path) -> Non
         Recorder(nowhere, tmp_path / "x.mcap", keys="a//b")
     with pytest.raises(InputError, match="run=r: not with keys=a"):
         Recorder(nowhere, tmp_path / "x.mcap", keys="a", run="r")
+
+
+def test_a_command_says_that_no_message_came(
+    endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A comma is a part of a key; without keys a run is awaited, and there may be none."""
+    with pytest.raises(CheckError, match=r"^no run answers at .*; messages of your own programs"):
+        Recorder(endpoint, patience_s=0.1)
+    with pytest.raises(InputError, match=r"cannot listen there, it is in use$"):
+        Router(endpoint)
+    out = str(tmp_path / "x.mcap")
+    record = ["log", "record", "--connect", endpoint, "--keys", "a,b", "--timeout", "0.2"]
+    assert main([*record, "-o", out]) == 0
+    assert "no message came on a,b" in capsys.readouterr().err
 
 
 def test_no_message_of_those_that_block_is_lost(endpoint: str, tmp_path: Path) -> None:

@@ -6,11 +6,12 @@ import argparse
 import contextlib
 import math
 import os
+import re
 import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -32,8 +33,10 @@ from cubepath.protocol.core.output_files import STANDARD_OUTPUT, check_output_fo
 
 if TYPE_CHECKING:
     from cubepath.coordinator.tools.recorder.recorder import Recorder
+    from cubepath.protocol.recordings.recording import Recording
 
 _MB = 1_000_000
+_LOG_TIME = re.compile(r"(\d{1,20}(?:\.\d+)?|\.\d+)(s)|\d{1,20}", re.ASCII)
 
 
 def add_log_filter(kept: argparse.ArgumentParser) -> None:
@@ -86,10 +89,30 @@ def add_selection_options(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             f"--{name}",
             dest=what,
-            type=whole(0),
+            type=_log_time,
             metavar="ROUND",
-            help=f"the {what} round; without rounds the {what} log time, as a level",
+            help=f"the {what} round; without rounds the {what} log time, as a level; on any keys"
+            " also seconds since the first message, as 1.5s",
         )
+
+
+def _log_time(text: str) -> int | float:
+    """Return a log time, which has 64 bits; as a float what is in seconds."""
+    found = _LOG_TIME.fullmatch(text)
+    if found is None or (found[2] is None and int(text) >= 1 << 64):
+        raise argparse.ArgumentTypeError(
+            f"expected a log time such as 12, or seconds such as 1.5s, found {text!r}"
+        )
+    return int(text) if found[2] is None else float(found[1])
+
+
+def _within(recording: Recording, asked: float | None) -> int | None:
+    """Return a log time of a recording; seconds are counted from its first message."""
+    if not isinstance(asked, float):
+        return asked
+    if not recording.of_keys:
+        raise InputError(f"{asked:g}s: a run has no such log times, expected a round or level")
+    return next((each.round for each in recording.records), 0) + round(asked * 1e9)
 
 
 def _filter(options: argparse.Namespace) -> int:
@@ -104,8 +127,8 @@ def _filter(options: argparse.Namespace) -> int:
             options.out,
             topics=options.topics,
             exclude=options.exclude,
-            first=options.first,
-            until=options.last,
+            first=_within(recording, options.first),
+            until=_within(recording, options.last),
         )
     of = len(recording.records)
     document = {"messages": count, "of": of, "output": str(options.out)}
@@ -207,6 +230,7 @@ def add_log_export(export: argparse.ArgumentParser) -> None:
 
 def _export(options: argparse.Namespace) -> int:
     from cubepath.coordinator.tools.exports.exporting import export  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_undamaged  # noqa: PLC0415
 
     out: Path = options.out
     foxglove = options.format == "foxglove"
@@ -221,13 +245,14 @@ def _export(options: argparse.Namespace) -> int:
     inner = argparse.Namespace(**{**vars(options), "json": False})
     files.check_files(inner, [options.log], files.Output(out, stream=True))
     with console.progress_bar(None, "export", ""):
+        recording = read_undamaged(options.log)
         found = export(
-            options.log,
+            recording,
             out,
             form=form,
             table=options.table,
-            first=options.first,
-            until=options.last,
+            first=_within(recording, options.first),
+            until=_within(recording, options.last),
             topics=options.topics,
             exclude=options.exclude,
             log_time=options.log_time,
@@ -258,6 +283,8 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
     record.add_argument("--run", metavar="RUN", help="which run, if there are several")
     record.add_argument(
         "--keys",
+        action="append",
+        default=[],
         metavar="KEYS",
         help="no run: the messages of any zenoh programs on these keys, a key expression such as"
         " 'robot/**', until interrupted",
@@ -299,6 +326,15 @@ def add_log_record(record: argparse.ArgumentParser) -> None:
     )
 
 
+def _only(keys: Sequence[str]) -> str | None:
+    if len(keys) > 1:
+        raise InputError(
+            f"--keys: found {len(keys)}, expected one that takes them all, as 'robot/**', with"
+            " --topics for each"
+        )
+    return keys[0] if keys else None
+
+
 def _record(options: argparse.Namespace) -> int:
     from cubepath.coordinator.tools.recorder.recorder import Recorder  # noqa: PLC0415
 
@@ -308,6 +344,7 @@ def _record(options: argparse.Namespace) -> int:
     for given, name in ((options.size, "size"), (options.seconds, "seconds")):
         if options.snapshot is not None and given is not None:
             raise InputError(f"--snapshot: each snapshot is one file, expected no --{name}")
+    keys = _only(options.keys)
     interrupted = False
     recorders: list[Recorder] = []
 
@@ -323,7 +360,7 @@ def _record(options: argparse.Namespace) -> int:
             options.connect,
             options.out,
             run=options.run,
-            keys=options.keys,
+            keys=keys,
             topics=options.topics,
             exclude=options.exclude,
             split_megabytes=options.size,
@@ -336,19 +373,25 @@ def _record(options: argparse.Namespace) -> int:
         ) as recorder,
     ):
         recorders.append(recorder)
-        console.complain(f"recording {options.keys or f'run {recorder.run}'}")
+        console.complain(f"recording {keys or f'run {recorder.run}'}")
         typed = options.snapshot is not None and sys.stdin is not None and sys.stdin.isatty()
         try:
             _wait(recorder, options.timeout, typed=typed)
         except KeyboardInterrupt:
             interrupted = True
     console.answer(options, _document(recorder), console.table(_rows(recorder)))
-    if recorder.ended == "run gone":
-        console.complain(f"run {recorder.run} is gone, and has not said how it ended")
+    _complain_of(recorder, keys)
     if interrupted:
         console.complain("interrupted")
         return console.INTERRUPTED
     return console.FAILED if recorder.ended == "router gone" else console.DONE
+
+
+def _complain_of(recorder: Recorder, keys: str | None) -> None:
+    if keys is not None and not recorder.messages:
+        console.complain(f"no message came on {keys}")
+    if recorder.ended == "run gone":
+        console.complain(f"run {recorder.run} is gone, and has not said how it ended")
 
 
 def _wait(recorder: Recorder, duration_s: float | None, *, typed: bool) -> None:

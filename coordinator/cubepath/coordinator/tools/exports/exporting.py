@@ -3,11 +3,12 @@
 `Recording.moves` and `Recording.claims` define the rows. They are read repeatedly for the rounds
 that are complete, so memory does not grow with the recording. Without rounds a commit may be
 repeated at the very end, so moves and claims are read in one go. Sites are JSON in CSV and Parquet,
-`[0,1]`, and lists in JSON.
+`[0,1]`, and lists in JSON. A message on any key stands beside its attachment, as `_text` writes it.
 """
 
 import csv
 import io
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
@@ -25,6 +26,7 @@ from cubepath.protocol.core.output_files import same_file, written_whole
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.recordings import cutting
 from cubepath.protocol.recordings.description import LEFT_OUT
+from cubepath.protocol.recordings.plain_messages import ATTACHMENT
 from cubepath.protocol.recordings.recording import Recording, read_undamaged, rounds_in_turn
 from cubepath.protocol.recordings.stored_messages import Record
 
@@ -32,8 +34,8 @@ Rows: TypeAlias = list[tuple[Any, ...]]
 """Rows of numbers and texts, in the order of the columns."""
 SITES = ("at", "from", "to", "site")
 """Columns of sites, as JSON."""
-DOCUMENTS = ("message",)
-"""Columns of JSON documents."""
+DOCUMENTS = ("message", "attachment")
+"""Columns of JSON documents; of messages on any keys also of other texts."""
 TEXTS = (*SITES, *DOCUMENTS, "generator", "outcome", "kind", "sender")
 """Columns of texts; all others hold whole numbers of at most 64 bits."""
 TABLES = ("moves", "claims", "messages", "rounds")
@@ -85,11 +87,14 @@ def table_of(recording: Recording, wanted: RowSelection) -> RecordingTable:
         raise InputError(f"unknown table {name!r}{near}, expected one of {', '.join(TABLES)}")
     if name != "messages" and (selection.topics or selection.exclude or wanted.kinds):
         raise InputError(f"table {name} has no topics and kinds, expected table messages")
-    if wanted.kinds:
+    if wanted.kinds and not recording.of_keys:
         recording.messages(wanted.kinds)  # refuses unknown kinds
     if name in {"claims", "messages"}:
         check_levels(recording, selection)
     _check_there(recording, name)
+    if name == "messages" and recording.of_keys:
+        cutting.check_topics(recording, cutting.MessageSelection(wanted.kinds), of="kind")
+        return RecordingTable(_ON_KEYS, _messages_on_keys(recording, wanted))
     if name == "messages":
         return RecordingTable(_MESSAGES, _messages(recording, wanted))
     if name == "rounds":
@@ -100,7 +105,7 @@ def table_of(recording: Recording, wanted: RowSelection) -> RecordingTable:
 
 def check_levels(recording: Recording, selection: cutting.MessageSelection) -> None:
     """Raise InputError if a range of levels is asked of messages that have wall clock times."""
-    asked = selection.first is not None or selection.until is not None
+    asked = not recording.of_keys and (selection.first is not None or selection.until is not None)
     if asked and recording.clock == "free" and recording.parameters.get("log_time") == "wall":
         raise InputError(
             f"{recording.path}: its log time is the wall clock, so only its moves have levels:"
@@ -157,6 +162,35 @@ def _messages(recording: Recording, wanted: RowSelection) -> Iterator[Rows]:
         yield [_message(recording, record) for record in found]
 
 
+_ON_KEYS = (*_MESSAGES, "attachment")
+_BASE64 = "base64:"
+
+
+def _messages_on_keys(recording: Recording, wanted: RowSelection) -> Iterator[Rows]:
+    attached: str | None = None  # it stands right before its message
+    for records, _ in recording.blocks():
+        rows: Rows = []
+        for record in filter(wanted.selection.keeps, records):
+            if record.topic.endswith(ATTACHMENT):
+                attached = _text(record.data)
+                continue
+            if not wanted.kinds or record.topic in wanted.kinds:
+                rows.append((*_message(recording, record), attached))
+            attached = None
+        yield rows
+
+
+def _text(data: bytes) -> str:
+    """Return bytes as text, or in base64 what is no UTF-8, has a NUL or looks like base64."""
+    try:
+        found = data.decode()
+    except UnicodeDecodeError:
+        found = _BASE64
+    if found.startswith(_BASE64) or "\0" in found:
+        return _BASE64 + b64encode(data).decode()
+    return found
+
+
 def _message(recording: Recording, record: Record) -> tuple[Any, ...]:
     kind, sender = record.topic, ""
     if not recording.of_keys:
@@ -166,7 +200,7 @@ def _message(recording: Recording, record: Record) -> tuple[Any, ...]:
     if record.round >= 1 << 63 or record.wall_ns >= 1 << 63:
         raise InputError(f"{where}: a time of 64 bits, expected less than 2^63")
     try:
-        text = data.decode(errors="backslashreplace" if recording.of_keys else "strict")
+        text = _text(data) if recording.of_keys else data.decode()
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: not UTF-8 text (byte {error.start})") from None
     return record.round, record.wall_ns, record.sequence, kind, sender, len(data), text
@@ -296,16 +330,29 @@ def _lines(table: RecordingTable) -> Iterator[bytes]:
     encode, decode = msgspec.json.Encoder().encode, msgspec.json.decode
     names = table.columns
     nested = [number for number, name in enumerate(names) if name in (*SITES, *DOCUMENTS)]
+    on_keys = names == _ON_KEYS
     for rows in table.batches:
         for row in rows:
             values = list(row)
             for number in nested:
+                if on_keys:
+                    values[number] = _nested(values[number])
+                    continue
                 try:
                     values[number] = decode(values[number])
                 except msgspec.DecodeError as error:
                     where = f"message {row[names.index('sequence')]}"
                     raise InputError(f"{where}: {error}") from None
             yield encode(dict(zip(names, values, strict=True)))
+
+
+def _nested(text: str | None) -> Any:
+    """Return what a text says if it is JSON; a string stands for itself, as what is none."""
+    try:
+        found = None if text is None else msgspec.json.decode(text)
+    except (msgspec.DecodeError, RecursionError):
+        return text
+    return text if isinstance(found, str) else found
 
 
 WRITERS: Mapping[str, Write] = {

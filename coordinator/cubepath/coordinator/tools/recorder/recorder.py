@@ -180,7 +180,11 @@ class Recorder:
     ) -> None:
         self.run = ""
         if self._keys is None:
-            self.run = find_run(self._session, self.endpoint, run, patience_s).run
+            try:
+                self.run = find_run(self._session, self.endpoint, run, patience_s).run
+            except CheckError as error:
+                hint = "; messages of your own programs are recorded with keys='**' (--keys)"
+                raise CheckError(f"{error}{hint if run is None else ''}") from None
         self._alive: bool | None = None
         self._gone_s = self._heard_s = 0.0
         self._router = routers_of(self._session)
