@@ -125,6 +125,10 @@ CHANGED: dict[str, tuple[dict[str, Any], str]] = {
         {"sensed": [(cell, cell if cell in HEX.start else None) for cell in SENSED[2:]]},
         "nothing is said of ",
     ),
+    "the target": (
+        {"sensed": [pair for pair in attempt().sensed if pair[0] != MOVE.target]},
+        "nothing is said of ",
+    ),
     "all is empty": (
         {"sensed": [(cell, None) for cell in SENSED]},
         "the move is not admissible where that was sensed",
