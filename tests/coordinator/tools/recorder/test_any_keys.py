@@ -163,6 +163,21 @@ def test_a_replay_waits_for_subscribers_of_what_it_puts(
         _until(lambda: len(heard) == 8)
 
 
+@pytest.mark.parametrize("key", ["many/{}", "{}/many"])
+def test_a_replay_on_many_keys_knows_who_listens(endpoint: str, tmp_path: Path, key: str) -> None:
+    """Of many keys it asks for how they begin, or for all."""
+    path, count = tmp_path / "x.mcap", 150
+    with open_client(endpoint) as session, Recorder(endpoint, path, keys="**") as recorder:
+        for number in range(count):
+            session.put(key.format(number), b"x", congestion_control=BLOCK)
+        _until(lambda: recorder.messages == count)
+        recorder.stop()
+        with pytest.raises(CheckError, match=r"^no subscriber to "):
+            replay(path, connect=endpoint, wait_for_subscribers=0.2)
+        session.declare_subscriber(key.format(count - 1), lambda _: None)
+        assert replay(path, connect=endpoint, wait_for_subscribers=20).heard
+
+
 def test_a_command_says_that_nobody_heard_a_replay(
     recorded: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
