@@ -113,7 +113,8 @@ def _recording(recording: Recording) -> Display:
 
 
 def _shortened(found: Any) -> Display:
-    rows = [(name.replace("_", " "), value) for name, value in found.document().items()]
+    known = {key: each for key, each in found.document().items() if each is not None}
+    rows = [(key.replace("_", " "), each) for key, each in known.items()]
     # Of a long path, finding the start takes a while.
     modules = len(found.given.start or ()) if found.moves <= MOVES_MAX else 0
     return _with_run(table(rows), found.moves, modules, partial(steps_of, found))
