@@ -21,6 +21,7 @@ NOT_OURS = frozenset(
         "f9c",
         "futures",
         "grid24x24",
+        "ipywidgets",
         "lambda",
         "NextStep",
         "pyutils",

@@ -31,11 +31,12 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import function, whole_number
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.displays import Displayed
 from cubepath.protocol.wire.free_messages import Commit
 
 
 @dataclass(frozen=True, slots=True)
-class Rollout:
+class Rollout(Displayed):
     """A finished run: its rounds in order, the final sites, and why a rule gave up, if one did."""
 
     scene: Scene = field(compare=False, repr=False)
@@ -105,7 +106,7 @@ Watch: TypeAlias = Callable[[FreeWorld, ActionResult], None]
 
 
 @dataclass(frozen=True, slots=True)
-class FreeRollout:
+class FreeRollout(Displayed):
     """A finished run: what was committed, in order, the turns, and how it ended."""
 
     scene: Scene = field(compare=False, repr=False)

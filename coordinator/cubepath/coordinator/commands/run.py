@@ -15,6 +15,7 @@ from cubepath.coordinator.commands.files import (
     output_path,
 )
 from cubepath.coordinator.plugins import plugin
+from cubepath.coordinator.progress import showing_run
 from cubepath.coordinator.runs.options import RunOptions
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
@@ -108,28 +109,28 @@ def _run(options: argparse.Namespace) -> int:
     free = options.clock == "free" or options.parent is not None
     with console.progress_bar(None, "run", " moves" if free else " rounds") as bar:
 
-        def watch(gatherer: Any) -> None:
-            heap = gatherer.live if free else gatherer.heap
-            bar.set_postfix_str(
-                f"{counted(heap.moves, 'move')}, {counted(heap.cubes, 'cube')}", refresh=False
-            )
-            bar.update(heap.moves - bar.n if free else 1)
-
         def say(line: str) -> None:
             bar.clear()
             console.complain(line)
 
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
-            running = Run(plan, watch=watch, say=say)
+            running = Run(plan, watch=showing_run(bar, free=free), say=say)
             if options.parent is None and not running.scene.can_begin():
                 say(f"{running.scene.spec}: no module can move at the start")
             with plugin("watched")(options, running, say):
                 outcome = running.play_from_the_start()
+    console.answer(options, outcome.document(), console.table(outcome_rows(outcome)))
+    return _ended(outcome)
+
+
+def outcome_rows(outcome: Any) -> list[tuple[str, object]]:
+    """Return what is printed of the outcome of a run: names and values."""
+    free = outcome.keepers is not None
     rows: list[tuple[str, object]] = [
         ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),
         ("modules", f"{outcome.modules} in {outcome.processes or 'no other'} processes"),
-        *([] if outcome.keepers is None else [("keepers", outcome.keepers)]),
+        *([("keepers", outcome.keepers)] if free else []),
         ("levels" if free else "rounds", outcome.rounds),
         *_counts(outcome),
         ("time", f"{outcome.seconds:.2f} s"),
@@ -147,8 +148,7 @@ def _run(options: argparse.Namespace) -> int:
         stopped = outcome.schedule_stopped
         how = "" if stopped is None else f", stopped at round {stopped.round}: {stopped.reason}"
         rows.insert(1, ("schedule", f"{counted(outcome.schedule_cubes, 'cube')}{how}"))
-    console.answer(options, outcome.document(), console.table(rows))
-    return _ended(outcome)
+    return rows
 
 
 def _check_log(options: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ bytes.
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property
 from io import BytesIO
 from math import ceil
 from textwrap import fill
@@ -85,15 +85,28 @@ _METADATA: Mapping[str, dict[str, None]] = {  # without a date: the same data gi
 Draw = Callable[[Axes, Sequence[Row], "Looks"], None]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Plot:
-    """A plot: its name, what it shows, and its bytes as SVG, PNG and, made when called, PDF."""
+    """A plot: its name, what it shows, and its bytes as SVG, PNG and PDF, made when asked for."""
 
     name: str
     title: str
-    svg: bytes
-    png: bytes
-    pdf: Callable[[], bytes]
+    figure: Figure
+
+    @cached_property
+    def svg(self) -> bytes:
+        """The plot as SVG."""
+        return _image(self, "svg")
+
+    @cached_property
+    def png(self) -> bytes:
+        """The plot as PNG."""
+        return _image(self, "png")
+
+    def pdf(self) -> bytes:
+        """Return the plot as PDF without its title, which it then has lost in other forms too."""
+        self.figure.suptitle("")
+        return _image(self, "pdf")
 
 
 class Looks:
@@ -341,7 +354,7 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
         keys = [keys[place] for place in np.linspace(0, len(keys) - 1, _PANELS_MAX).astype(int)]
     across = min(_ACROSS, len(keys))
     down = ceil(len(keys) / across)
-    style: Any = _STYLE | {"svg.hashsalt": name}
+    style: Any = _STYLE
     with mpl.rc_context(style):
         inches = looks.size or (max(_WIDE * across, 5.4), _HIGH * down + 0.9)
         figure = Figure(figsize=inches, layout="constrained")
@@ -367,8 +380,7 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
             loc="outside lower center",
             ncols=min(2 if max(map(len, labels)) > _LONG else 4, len(labels)),
         )
-        pdf = partial(_image, figure, "pdf")
-        return Plot(name, title + more, _image(figure, "svg"), _image(figure, "png"), pdf)
+        return Plot(name, title + more, figure)
 
 
 def _in_lines(title: str) -> str:
@@ -381,11 +393,10 @@ def _in_lines(title: str) -> str:
     return "\n".join(line.strip() for line in lines if line)
 
 
-def _image(figure: Figure, kind: str) -> bytes:
-    """Return a figure as bytes; as PDF, for a paper, without the title, which its caption has."""
-    if kind == "pdf":
-        figure.suptitle("")
-    stream, style = BytesIO(), dict[Any, Any](_STYLE)
+def _image(plot: Plot, kind: str) -> bytes:
+    stream, style = BytesIO(), dict[Any, Any](_STYLE | {"svg.hashsalt": plot.name})
     with mpl.rc_context(style):
-        figure.savefig(stream, format=kind, dpi=_DOTS, facecolor="white", metadata=_METADATA[kind])
+        plot.figure.savefig(
+            stream, format=kind, dpi=_DOTS, facecolor="white", metadata=_METADATA[kind]
+        )
     return stream.getvalue()

@@ -35,6 +35,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.input_files import file_within
 from cubepath.protocol.core.output_files import check_output_folder, unwritable, written_whole
+from cubepath.protocol.displays import Displayed
 
 _STYLE = """
 :root { color-scheme: light dark;
@@ -75,7 +76,7 @@ def page_of(
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>",
         f"<h1>{escape(title)}</h1><table>{rows_html}</table>",
         *map(_figure, plots),
-        *map(_table, tables),
+        *map(table_html, tables),
         "</body></html>",
     ]
     return "\n".join(parts) + "\n"
@@ -93,7 +94,8 @@ def _figure(plot: Plot) -> str:
     return f'<figure>{head} role="img" aria-label="{escape(plot.title)}">{rest}</figure>'
 
 
-def _table(table: ReportTable) -> str:
+def table_html(table: ReportTable) -> str:
+    """Return a table as HTML, with its title and note; empty if it has no rows."""
     if not table.rows:
         return ""
     texts = table.texts()
@@ -122,7 +124,7 @@ PAGE = "report.html"
 
 
 @dataclass(frozen=True, slots=True)
-class SweepReport:
+class SweepReport(Displayed):
     """A report: its tables, and the files that were written, the page first.
 
     `older` counts the runs of the folder that are in no table, as their scene or rule has changed
@@ -190,7 +192,7 @@ def write_report(
     tables = _with_columns(tables, columns) if columns else tables
     left = distances(Path(folder), {row["id"] for row in rows})
     plots = plots_of(rows, left, axes, size, notes.published)
-    page = page_of(_title(rows), _facts(rows, older), tables, plots)
+    page = page_of(_title(rows), run_facts(rows, older), tables, plots)
     files = {PAGE: page.encode()}
     for plot in plots:
         files |= {f"{plot.name}.svg": plot.svg, f"{plot.name}.png": plot.png}
@@ -281,7 +283,8 @@ def _title(rows: Sequence[Row]) -> str:
     return f"{', '.join(rules)} on {', '.join(families)}"
 
 
-def _facts(rows: Sequence[Row], older: int) -> list[tuple[str, object]]:
+def run_facts(rows: Sequence[Row], older: int = 0) -> list[tuple[str, object]]:
+    """Return what the head of a report says of its runs, of which there is at least one."""
     seeds = sorted({row["seed"] for row in rows})
     ended = sorted({row["ended"] for row in rows})
     counts = ", ".join(f"{sum(row['ended'] == end for row in rows)} {end}" for end in ended)

@@ -21,15 +21,17 @@ from cubepath.coordinator.experiments.rows import (
 from cubepath.coordinator.experiments.setting import FaultRates, RunBatch, run_id
 from cubepath.coordinator.experiments.spec import Expansion, expand, is_small, sweep_of
 from cubepath.coordinator.experiments.workers import Cluster, Pool, Workers, played_by, played_here
+from cubepath.coordinator.progress import each_of, progress_bar
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import file_within
+from cubepath.protocol.displays import Displayed
 
 Watch = Callable[[Sequence[FinishedRun]], object]
 """Called with the runs that were just finished."""
 
 
 @dataclass(frozen=True, slots=True)
-class SweepResults:
+class SweepResults(Displayed):
     """The rows of a sweep in canonical order, whatever the order in which they were finished.
 
     `rows` has a dict for each run, with the keys of `RUN_COLUMNS`. `left_out` says which
@@ -73,6 +75,7 @@ def sweep(
     cluster: str | None = None,
     record: bool = False,
     watch: Watch | None = None,
+    progress: bool = False,
     **options: object,
 ) -> SweepResults:
     """Play all systems with all rules, clocks, hesitations, faults and seeds; return the rows.
@@ -86,7 +89,7 @@ def sweep(
     there are not played again; `record` keeps a recording of each run with messages there. `jobs`
     is the number of processes, 1 for this one alone (more need a program whose work is under
     ``if __name__ == "__main__":``); `cluster` is the address of a dask scheduler instead. `watch`
-    is called with the runs that were just finished.
+    is called with the runs that were just finished, and `progress` shows a bar of `tqdm`.
 
     A rule that ends its process ends this one, if it is played here; with `jobs` above 1, or a
     `timeout_s`, rules from elsewhere are played in other processes whatever there is to play.
@@ -108,15 +111,17 @@ def sweep(
         raise InputError(f"jobs: {jobs}, expected 1 or more")
     folder = None if out is None else Path(out)
     expansion = expand(asked)
-    return play_sweep(
-        expansion,
-        folder,
-        jobs=jobs,
-        cluster=cluster,
-        record=record,
-        watch=watch or _ignore,
-        apart=jobs > 1 and expansion.foreign,
-    )
+    with progress_bar("sweep", " runs", expansion.runs, shown=progress) as bar:
+        return play_sweep(
+            expansion,
+            folder,
+            jobs=jobs,
+            cluster=cluster,
+            record=record,
+            watch=each_of(watch, lambda runs: bar.update(len(runs))),
+            apart=jobs > 1 and expansion.foreign,
+            begin=bar.update,
+        )
 
 
 def _plain(value: object) -> object:
@@ -126,10 +131,6 @@ def _plain(value: object) -> object:
     if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
         return value
     return [_plain(each) for each in value]
-
-
-def _ignore(_: Sequence[FinishedRun]) -> None:
-    """Do nothing."""
 
 
 def play_sweep(

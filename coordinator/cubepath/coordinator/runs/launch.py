@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Unpack
 
 from cubepath.agents.processes.network import Way, straight
+from cubepath.coordinator.progress import each_of, progress_bar, showing_run
 from cubepath.coordinator.runs.driver import Say
 from cubepath.coordinator.runs.listeners import Watch
 from cubepath.coordinator.runs.outcome import Outcome
@@ -18,6 +19,7 @@ def run(
     *,
     watch: Watch | None = None,
     say: Say | None = None,
+    progress: bool = False,
     **options: Unpack[PlanOptions],
 ) -> Outcome:
     """Run a system in processes to its end, and return the outcome.
@@ -25,7 +27,7 @@ def run(
     `what` is a system as the command line names it, a scene, or a whole `Plan`; `rule` is a name or
     ``FILE.py:NAME``, and None means the rule of the system's family. The options are the fields of
     `Plan`. `watch` is called after each round. `say` gets a line with the address where others can
-    join, and with whom the run waits for.
+    join, and with whom the run waits for. `progress` shows a bar of `tqdm`.
 
     InputError if that cannot be run at all; everything that goes wrong later (a process that dies,
     a rule that gives up, a full disk, an interrupt) is part of the outcome.
@@ -34,7 +36,11 @@ def run(
     >>> outcome.goal_reached, outcome.rounds, outcome.cubes, len(outcome.path)
     (True, 14, 14, 18)
     """
-    return Run(plan_of(what, rule, options), watch=watch, say=say).play_from_the_start()
+    plan = plan_of(what, rule, options)
+    free = plan.is_free or plan.resume is not None
+    with progress_bar("run", " moves" if free else " rounds", shown=progress) as bar:
+        told = each_of(watch, showing_run(bar, free=free)) if progress else watch
+        return Run(plan, watch=told, say=say).play_from_the_start()
 
 
 def start(

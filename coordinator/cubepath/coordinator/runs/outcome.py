@@ -16,6 +16,7 @@ from cubepath.coordinator.runs.plan import Plan, RunTask
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.system import Bound, Scene
+from cubepath.protocol.displays import Displayed
 from cubepath.protocol.path_files.durations import Cubes
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.messages import Stopped
@@ -40,7 +41,7 @@ class CrashReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(Displayed):
     """The outcome of a run; the first fourteen fields are the keys of ``cubepath run --json``.
 
     So is `refused`, how many messages were refused. `error` is a key too if there is one. If a

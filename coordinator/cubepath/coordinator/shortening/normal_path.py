@@ -21,6 +21,7 @@ from cubepath.coordinator.shortening.path_input import HasPath, PathInput, input
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Bound
+from cubepath.protocol.displays import Displayed
 from cubepath.protocol.file_forms import NO_HINTS, PlanHints
 from cubepath.protocol.path_files.moves import CubeName
 from cubepath.protocol.path_files.numbered import NumberedCubes, NumberedPath, Progress
@@ -29,7 +30,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, eq=False)
-class Shortened:
+class Shortened(Displayed):
     """The normal cube path of a path, and the figures that ``cubepath shorten --json`` gives.
 
     `given` is the input path, `normal_form` says what became of each of its moves, and `left` holds

@@ -16,7 +16,7 @@ import numpy as np
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.normal_form.definitions import is_cube
-from cubepath.coordinator.shortening.normal_path import shortened
+from cubepath.coordinator.shortening.normal_path import Shortened, shortened
 from cubepath.coordinator.shortening.path_input import PathInput, read_input
 from cubepath.coordinator.verification.certificate import check_numbered
 from cubepath.protocol.core.actions import Action, apply_in_place
@@ -67,8 +67,12 @@ def read_steps(
     form = form_of(file)
     if form.name in {"cubes", "binary cubes"}:
         return _of_cubes(file.path, form.read(file), system, hints)
-    given = read_input(file, system, hints, progress)
-    found = shortened(given)
+    return steps_of(shortened(read_input(file, system, hints, progress)))
+
+
+def steps_of(found: Shortened) -> PathSteps:
+    """Return the steps of a shortened path; InputError if nothing says where modules are."""
+    given = found.given
     scene = given.scene or _own_scene(given)
     steps = [(action,) for action in given.actions]
     return PathSteps(scene, "move", steps, found.cube_path, found.normal_form, given.unsolved)

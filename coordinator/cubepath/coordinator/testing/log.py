@@ -24,6 +24,7 @@ from cubepath.coordinator.verification.findings import Verification
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import known_name, whole_number
 from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.displays import Displayed
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Attempt, Decision
 from cubepath.protocol.wire.messages import Claim, Report, encode
@@ -66,7 +67,7 @@ class ExecutedMove:
     at: Site
 
 
-class RunLog:
+class RunLog(Displayed):
     """The log of a run.
 
     >>> log = RunLog.read("logs/golden/hex-5.mcap")

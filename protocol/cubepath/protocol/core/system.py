@@ -31,6 +31,7 @@ from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import Catalogue, GeneratorPlacement, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.displays import Displayed
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
@@ -407,7 +408,7 @@ def region_of(coordinates: Iterable[int]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class Scene(Displayed):
     """A system with the start of its modules and, if they have one, their goal.
 
     `start` lists the site of module 0, 1, ...; `goal` holds the sites that are on at the end, or is

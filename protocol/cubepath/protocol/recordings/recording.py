@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.displays import Displayed
 from cubepath.protocol.recordings import description, stored_messages
 from cubepath.protocol.recordings.mcap_file import StoredBytes
 from cubepath.protocol.recordings.salvaging import Salvage, outline, salvage
@@ -38,7 +39,7 @@ _UNSTORED = 1000
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class Recording(Displayed):
     """What could be read of a recording; `problems` is empty if that is everything.
 
     Its messages may stay in the file, and are then read whenever they are asked for.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cubepath.coordinator.commands import console
 from cubepath.coordinator.commands.files import Output, check_files, output_path
 from cubepath.coordinator.commands.usage import whole
+from cubepath.coordinator.progress import StageProgress
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
 
@@ -59,17 +60,6 @@ def _complex(options: argparse.Namespace) -> int:
     limit: int = options.max_states or MAX_STATES
     with console.progress_bar(None, "complex", " done") as bar:
         scene = scene_from_spec(options.system)
-        stage = ""
-
-        def watch(what: str, done: int, total: int) -> None:
-            nonlocal stage
-            if what != stage:
-                stage = what
-                bar.reset()
-                bar.set_description(what)
-            bar.total = total or None
-            bar.update(done - bar.n)
-
         found = complex_report(
             scene,
             shape=options.shape,
@@ -77,7 +67,7 @@ def _complex(options: argparse.Namespace) -> int:
             with_links=options.link,
             keep=output is not None,
             max_states=limit,
-            progress=watch,
+            progress=StageProgress(bar).tick,
         )
     try:
         if output is not None and found.complete and found.built is not None:

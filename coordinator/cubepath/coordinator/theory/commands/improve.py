@@ -14,6 +14,7 @@ from cubepath.coordinator.commands import files, shorten
 from cubepath.coordinator.commands.console import progress_bar
 from cubepath.coordinator.commands.path_options import add_durations, add_plan_options
 from cubepath.coordinator.commands.usage import more_options, number, whole
+from cubepath.coordinator.progress import StageProgress
 from cubepath.coordinator.theory.commands.following import improve_following
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
@@ -21,7 +22,6 @@ from cubepath.protocol.core.formatting import counted
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.theory.optimality.optimality_report import OptimalityReport
-    from cubepath.coordinator.theory.search.anytime import Improvement
     from cubepath.coordinator.theory.search.budget import SearchStage
 
 _SECONDS = 10.0
@@ -152,23 +152,7 @@ def _searched(options: argparse.Namespace, found: Shortened) -> OptimalityReport
     most: int = MAX_STATES if options.max_states is None else options.max_states
     task = task_of(found)
     with progress_bar(None, "bounds", " steps") as bar:
-
-        def watch(better: Improvement) -> None:
-            bar.set_postfix_str(
-                f"{counted(better.cubes, 'cube')}, {counted(better.moves, 'move')}", refresh=False
-            )
-
-        def tick(stage: str, steps: int) -> None:
-            if steps == 0:
-                bar.reset()
-                bar.set_description(stage, refresh=False)
-            bar.update(steps - bar.n)
-
-        def between(least: int, cubes: int) -> None:
-            bar.set_postfix_str(
-                f"{counted(cubes, 'cube')}, open: {least}..{cubes - 1}", refresh=False
-            )
-
+        shown = StageProgress(bar)
         return beyond(
             task,
             found,
@@ -178,9 +162,9 @@ def _searched(options: argparse.Namespace, found: Shortened) -> OptimalityReport
             max_states=most,
             prove=options.prove,
             proof=options.proof,
-            watch=watch,
-            tick=tick,
-            between=between,
+            watch=shown.watch,
+            tick=shown.tick,
+            between=shown.between,
         )
 
 

@@ -6,11 +6,13 @@ the action of each edge; a bound on the number of states limits time and memory.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.coordinator.progress import StageProgress, progress_bar
 from cubepath.coordinator.theory.complexes.state_masks import (
     FREE,
     Bits,
@@ -84,24 +86,28 @@ class Exploration:
 
 
 def explore(
-    scene: Scene, *, max_states: int = MAX_STATES, progress: Progress | None = None
+    scene: Scene, *, max_states: int = MAX_STATES, progress: Progress | bool | None = None
 ) -> Exploration:
     """Return the states that can be reached from the start, if there are at most `max_states`.
 
     If there are more, the exploration stops within some dozens of states after it has found that. A
     non-local system is explored the same way; whatever its global rule forbids is not a state. The
-    start always counts as a state.
+    start always counts as a state. With True as `progress` there is a bar of `tqdm`.
 
     >>> found = explore(scene_from_spec("agv:graph=K5,n=2"))
     >>> found.complete, len(found.starts) - 1
     (True, 10)
     """
+    if progress is True:
+        with progress_bar("explore", " states") as bar:
+            tell = partial(StageProgress(bar).tick, "explore")
+            return explore(scene, max_states=max_states, progress=tell)
     walk = _Walk(scene)
     while walk.done < walk.known and walk.allowed <= max_states:
         # Take small steps near the bound, so as not to run far beyond it.
         chunk = min(_CHUNK, max(_STEP, (max_states - walk.allowed) // 8))
         walk.expand(min(walk.done + chunk, walk.known))
-        if progress is not None:
+        if callable(progress):
             progress(walk.done, walk.known)
     return walk.explored()
 

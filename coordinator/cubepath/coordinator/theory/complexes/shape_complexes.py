@@ -29,6 +29,7 @@ from cubepath.protocol.core.catalogue import Cell, GeneratorPlacement, Lattice
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.displays import Displayed
 
 Shape: TypeAlias = frozenset[Site]
 """The cells of an aggregate, translated so that the first in canonical order is at the origin."""
@@ -48,7 +49,7 @@ class TooManyShapes(CheckError):  # noqa: N818 - named after the condition
 
 
 @dataclass(frozen=True, slots=True)
-class ShapeComplex:
+class ShapeComplex(Displayed):
     """A shape complex with its shapes, and the names of its cubes by dimension."""
 
     scene: Scene

@@ -19,12 +19,13 @@ from cubepath.coordinator.theory.complexes.state_masks import Numbers, Words, co
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.displays import Displayed
 
 _CELLS_MAX = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
-class StateComplex:
+class StateComplex(Displayed):
     """A state complex with the names of its cubes.
 
     ``actions[k]`` has shape (k-cubes, k): the numbers of the actions of each k-cube in ascending

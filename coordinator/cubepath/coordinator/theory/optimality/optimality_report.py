@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
+from cubepath.coordinator.progress import StageProgress, each_of, progress_bar
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.coordinator.theory.optimality.stages import Between, OptimalityStages, Tick
@@ -90,6 +91,7 @@ def beyond(
     watch: Callable[[Improvement], object] | None = None,
     tick: Tick | None = None,
     between: Between | None = None,
+    progress: bool = False,
 ) -> OptimalityReport:
     """Look beyond the class of a path: improve it if time is given, and bound what is possible.
 
@@ -105,7 +107,8 @@ def beyond(
     and gives the moves their names; without it they have none. An interrupt (KeyboardInterrupt)
     ends the search with what is known so far, as running out of time does. `tick` is called now and
     then with the current stage and the steps that it took, `watch` with every better path, and
-    `between`, while a proof is searched for, with the lower bound and the best number of cubes.
+    `between`, while a proof is searched for, with the lower bound and the best number of cubes;
+    `progress` shows all three on a bar of `tqdm`.
     InputError as for `improve`, and if a proof is asked for without the library that it takes.
 
     >>> found = shorten(play("agv:graph=grid3x3,n=3", "random", seed=2, max_rounds=30))
@@ -116,6 +119,9 @@ def beyond(
     asked = seconds is not None or iterations is not None or prove is not None
     if prove is not None:
         check_installed("a proof")
+    bar = StageProgress(progress_bar("bounds", " steps", shown=progress))
+    watch, tick = each_of(watch, bar.watch), each_of(tick, bar.tick)
+    between = each_of(between, bar.between)
     look = OptimalityStages(task, found, seconds=seconds, max_states=max_states, tick=tick)
     if prove is not None and seconds is None and iterations is None:
         look.share(prove, _BEFORE_PROOF)
@@ -127,6 +133,7 @@ def beyond(
         look.improve(iterations=iterations, seed=seed, watch=watch)
     if prove is not None:
         look.prove(prove, seed=seed, proof=proof, watch=watch, between=between)
+    bar.bar.close()
     if look.better is not None:
         _check(task, look.better)
     return OptimalityReport(

@@ -16,11 +16,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from random import Random
 from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import Heap
+from cubepath.coordinator.progress import StageProgress, each_of, progress_bar
 from cubepath.coordinator.theory.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.theory.satisfiability.solver_process import solvers_installed
 from cubepath.coordinator.theory.search.budget import Budget, SearchStage, SpentError
@@ -77,6 +79,7 @@ def improve(
     enough: int = 0,
     watch: Callable[[Improvement], object] | None = None,
     tick: Callable[[int], object] | None = None,
+    progress: bool = False,
     normal: CubePath | None = None,
     transitions: Transitions | None = None,
     by_sat: SearchStage | None = None,
@@ -95,6 +98,7 @@ def improve(
     iterations alone, the result depends only on the input and `seed`. `watch` is called with every
     better path as it is found, `tick` after each step with the number of steps. `normal` is the
     normal cube path of the path, and `transitions` those of the system, if they are known already.
+    `progress` shows a bar of `tqdm`.
 
     InputError if neither bound is given, or if `labelled_goals` is given for a system that is not
     on a graph.
@@ -106,6 +110,10 @@ def improve(
     (8, 3, 6)
     """
     _check_given(system, seconds, iterations, labelled_goals=labelled_goals)
+    bar = StageProgress(progress_bar("improve", " steps", shown=progress))
+    if progress:
+        show = partial(bar.tick, "improve", total=iterations or 0)
+        watch, tick = each_of(watch, bar.watch), each_of(tick, show)
     actions = list(path)
     best = _normal(actions, 0, 0) if normal is None else Improvement(normal, 0, 0)
     prepare_all(system, with_solver=iterations is None)
@@ -145,6 +153,7 @@ def improve(
     finally:
         # After an interrupt too, the best path is not lost.
         record.build()
+        bar.bar.close()
     return Improvement(record.best.cube_path, steps, record.best.found)
 
 

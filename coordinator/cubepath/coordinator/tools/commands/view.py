@@ -7,6 +7,7 @@ import os
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import accumulate, chain, pairwise
 from operator import add
 from pathlib import Path
@@ -16,6 +17,7 @@ from cubepath.coordinator.commands.console import DONE, answer, complain, progre
 from cubepath.coordinator.commands.files import Output, add_out, check_files, input_path
 from cubepath.coordinator.commands.path_options import INPUT_HELP, add_plan_options, hints, solved
 from cubepath.coordinator.commands.usage import more_options, number
+from cubepath.coordinator.progress import StageProgress
 from cubepath.coordinator.tools.commands.live import (
     add_connect_options,
     check_no_connect_options,
@@ -429,11 +431,7 @@ def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
 
     rate: float = options.rate or FRAMES_PER_SECOND
     with progress_bar(None, "film", " frames") as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
+        progress = partial(StageProgress(bar).tick, "film")
         if options.what == "both":
             cubes, found = drawn.schedule()
             animate_beside(
