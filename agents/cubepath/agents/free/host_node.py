@@ -83,11 +83,14 @@ class FreeHostNode(BatchNode):
         self._order: int | None = None
         """The order to halt that it must answer when its modules rest."""
         self._news: set[Site] = set()
-        """Places of which something new is known; with `_all_news` any place may be one."""
-        self._all_news = False
+        """Places of which something new is known."""
+        self._new_tiles: set[str] = set()
+        """Tiles of which everything is known now."""
         self._needs: dict[int, frozenset[str]] = {}
         """The tiles that each module needs."""
         self._due: dict[int, None] = dict.fromkeys(self.movers)
+        self.superseded = False
+        """Whether another process has entered for a module of this one, which ends it."""
 
     @property
     def state(self) -> State:
@@ -151,16 +154,13 @@ class FreeHostNode(BatchNode):
             self.refused += 1
             return
         changed, now_whole = self.sensing.take(shows, self._now_s)
-        self._changed(changed, anything=now_whole)
-
-    def _changed(self, places: list[Site], *, anything: bool = False) -> None:
-        """Note that something new is known of places."""
-        for place in places:
+        if now_whole:
+            self._new_tiles.add(shows.tile)
+        for place in changed:
             known = self.sensing.place(place)
             if known.module in self.movers and known.site is not None:
                 self.movers[known.module].taken_to(known.site, known.module_version)
-        self._news.update(places)
-        self._all_news |= anything
+        self._news.update(changed)
 
     def _take_reply(self, part: Decision | Entered) -> None:
         module = part.occupant.module if isinstance(part, Entered) else part.module
@@ -172,20 +172,18 @@ class FreeHostNode(BatchNode):
             mover.entered(part, self._now_s)
         else:
             mover.decided(part, self._now_s)
+            self.superseded |= mover.state == "superseded"
         self._due[module] = None
-
-    @property
-    def superseded(self) -> bool:
-        """Return whether another process has entered for a module of this one, which ends it."""
-        return any(mover.state == "superseded" for mover in self.movers.values())
 
     def _go_on(self) -> list[Effect]:
         if self.superseded:
             return [Timer(None), End()]
+        self._wake()
+        if not self._due and self._now_s < min(self.sensing.next_s, self._swept_s + _SWEEP_S):
+            return [] if self._ends_s < float("inf") else self._timer()
         effects: list[Effect] = []
         asks: dict[int, list[Attempt | EnterRequest | TileQuery]] = {}
         turns: list[Turn] = []
-        self._wake()
         due, self._due = self._due, {}
         for module in sorted(due):
             mover = self.movers[module]
@@ -211,12 +209,14 @@ class FreeHostNode(BatchNode):
 
     def _wake(self) -> None:
         """Let the modules choose again that sense anything new."""
-        if self._news or self._all_news:
+        news, tiles = self._news, self._new_tiles
+        if news or tiles:
             for module, mover in self.movers.items():
-                if self._all_news or not mover.near.isdisjoint(self._news):
+                around = mover.around
+                if tiles or not around.near.isdisjoint(news):
                     mover.dirty = True
                     self._due[module] = None
-            self._news, self._all_news = set(), False
+            self._news, self._new_tiles = set(), set()
 
     def _need(self, due: Iterable[int]) -> list[Effect]:
         """Listen to the tiles that the modules need; `due` are those that may have moved."""

@@ -7,8 +7,9 @@ it when something that it senses may have changed, or when a timer is due.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from msgspec.structs import replace
 
@@ -41,6 +42,9 @@ RETRY_S, RETRY_S_MAX = 0.002, 0.25
 THINK_S = 0.01
 """What a module of speed 1 that is told to think takes to choose; others as many times longer."""
 
+_SITES_MAX = 256
+"""Sites whose surroundings a module keeps: most go to and fro."""
+
 State: TypeAlias = Literal["entering", "resting", "thinking", "pending", "superseded"]
 Ask: TypeAlias = tuple[int, Attempt | EnterRequest]
 """What is asked of which keeper."""
@@ -55,6 +59,18 @@ class Pace:
 
     factor: float = 0.0
     jitter: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What there is around a site, whatever is on."""
+
+    site: Site
+    place: Site
+    near: frozenset[Site]
+    needs: frozenset[str]
+    shown: frozenset[str]
+    """The tiles of which a module there must have been shown everything before it chooses."""
 
 
 class Mover:
@@ -100,11 +116,10 @@ class Mover:
         self._actor: Actor | None = None
         self._attempt: Attempt | None = None
         self._random = stream(seed, module, PACE)
-        nothing: frozenset[Any] = frozenset()
-        self._near: tuple[Site | None, frozenset[Site], frozenset[str], list[Site]]
-        self._near = None, nothing, nothing, []
         self._goals = frozenset(scene.goals[module] if scene.goals else ())
         self._note_length = 0 if own is not None else rule.length(len(scene.start), "free")
+        self._surroundings = lru_cache(maxsize=_SITES_MAX)(self._found_around)
+        self._around = self._surroundings(self.site)
 
     @property
     def rests(self) -> bool:
@@ -112,29 +127,36 @@ class Mover:
         return self.halted and self.state == "resting"
 
     @property
-    def near(self) -> frozenset[Site]:
-        """Return its place, those that it senses, and those within its reach."""
-        if self._near[0] != self.site:
-            system, place = self._system, self._system.place_of(self.site)
-            sensed = dict.fromkeys(near for near in system.sensed(place) if near is not None)
-            near = dict.fromkeys([place, *sensed, *system.reach(place)])
-            found = [each for each in near if system.has_place(each)]
-            tiles = frozenset(map(self._tiles.tile_of, found))
-            shown = found if self._note_length else [each for each in found if each in sensed]
-            self._near = self.site, frozenset(found), tiles, shown
-        return self._near[1]
+    def around(self) -> Surroundings:
+        """Return what there is around its site."""
+        if self._around.site != self.site:
+            self._around = self._surroundings(self.site)
+        return self._around
+
+    def _found_around(self, site: Site) -> Surroundings:
+        system, tile_of = self._system, self._tiles.tile_of
+        place = system.place_of(site)
+        sensed = {near: None for near in system.sensed(place) if near is not None}
+        near = dict.fromkeys([place, *sensed, *system.reach(place)])
+        found = [each for each in near if system.has_place(each)]
+        shown = found if self._note_length else [each for each in found if each in sensed]
+        return Surroundings(
+            site,
+            place,
+            frozenset(found),
+            frozenset(map(tile_of, found)),
+            frozenset(map(tile_of, shown)),
+        )
 
     @property
-    def _seen(self) -> list[Site]:
-        """Return the places of which it must have been shown something before it chooses."""
-        _ = self.near
-        return self._near[3]
+    def near(self) -> frozenset[Site]:
+        """Return its place, those that it senses, and those within its reach."""
+        return self.around.near
 
     @property
     def needs(self) -> frozenset[str]:
         """Return the tiles of what it may sense, and of what it would sense one move away."""
-        _ = self.near
-        return self._near[2]
+        return self.around.needs
 
     # What keepers answer.
 
@@ -263,9 +285,10 @@ class Mover:
             return []
         if now_s < self.due_s and not (self.dirty and self._retry_s <= RETRY_S):
             return []
-        here = sensing.place(self._system.place_of(self.site))
+        around = self.around
+        here = sensing.place(around.place)
         known = here.module == self.module and here.module_version == self._version
-        if not known or not sensing.sees(self._seen):
+        if not known or not sensing.has_whole(around.shown):
             self.due_s = now_s + AGAIN_S  # what it has just done, or what is near, is not shown yet
             return []
         self.dirty = False
@@ -292,20 +315,17 @@ class Mover:
         place = system.place_of(self.site)
         occupants: dict[Site, Site] = {}
         sensed = []
-        for near in system.sensed(place):
-            if near is None:
-                sensed.append(-1)
-                continue
-            known = sensing.place(near)
-            sensed.append(known.version)
-            if known.site is not None:
+        slots = system.sensed(place)
+        for near, known in zip(slots, sensing.places(slots), strict=True):
+            sensed.append(-1 if near is None else known.version)
+            if near is not None and known.site is not None:
                 occupants[near] = known.site
         own = sensing.place(place)
         notes: dict[Site, tuple[int, ...]] = {}
         heard: list[tuple[int, int]] = []
         if self._note_length:
-            for near in system.reach(place):
-                known = sensing.place(near)
+            reach = system.reach(place)
+            for near, known in zip(reach, sensing.places(reach), strict=True):
                 heard.append((known.version, known.module_version))
                 if known.note:
                     notes[near] = known.note

@@ -37,7 +37,8 @@ NOTHING = Place()
 class _Tile:
     serial: int = -1
     whole: bool = False
-    places: dict[Site, Place] = field(default_factory=dict)
+    places: list[Site] = field(default_factory=list)
+    """Those of which anything is known."""
     look_s: float = 0.0
     every_s: float = LOOK_S
     needed_s: float = 0.0
@@ -51,17 +52,25 @@ class Sensing:
         self._system = system
         self._tiles = tiles
         self._known: dict[str, _Tile] = {}
+        self._places: dict[Site, Place] = {}
 
     def place(self, place: Site) -> Place:
         """Return what is known of a place in a tile that `sees` it."""
-        tile = self._known.get(self._tiles.tile_of(place))
-        return NOTHING if tile is None else tile.places.get(place, NOTHING)
+        return self._places.get(place, NOTHING)
+
+    def places(self, places: Iterable[Site | None]) -> list[Place]:
+        """Return what is known of places; of None, `NOTHING`."""
+        get = self._places.get
+        return [get(place, NOTHING) for place in places]
 
     def sees(self, places: Iterable[Site]) -> bool:
         """Return whether the tiles of these places were shown, with nothing missing."""
-        known, tile_of = self._known, self._tiles.tile_of
-        for place in places:
-            tile = known.get(tile_of(place))
+        return self.has_whole(map(self._tiles.tile_of, places))
+
+    def has_whole(self, tiles: Iterable[str]) -> bool:
+        """Return whether these tiles were shown, with nothing missing."""
+        for name in tiles:
+            tile = self._known.get(name)
             if tile is None or not tile.whole:
                 return False
         return True
@@ -81,7 +90,8 @@ class Sensing:
             if tile not in tiles and now_s - known.needed_s > KEEP_S
         ]
         for tile in old:
-            del self._known[tile]
+            for place in self._known.pop(tile).places:
+                del self._places[place]
         return new, old
 
     def due(self, now_s: float) -> list[tuple[str, int]]:
@@ -128,15 +138,18 @@ class Sensing:
         for shown in parts:
             place = shown.place
             tile = self._known.get(self._tiles.tile_of(place))
-            if tile is not None and self._newer(tile, place, shown):
-                tile.places[place] = _known(shown)
-                changed.append(place)
+            if tile is None:
+                continue
+            known = self._places.get(place)
+            if known is None:
+                tile.places.append(place)
+            elif not self._newer(known, shown):
+                continue
+            self._places[place] = _known(shown)
+            changed.append(place)
         return changed
 
-    def _newer(self, tile: _Tile, place: Site, shown: PlaceState) -> bool:
-        known = tile.places.get(place)
-        if known is None:
-            return True
+    def _newer(self, known: Place, shown: PlaceState) -> bool:
         if shown.version != known.version:
             return shown.version > known.version
         if shown.module_version != known.module_version:

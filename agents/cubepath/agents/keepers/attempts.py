@@ -5,8 +5,9 @@ Every process that handles an attempt derives the same, so messages do not carry
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 from cubepath.protocol.core.catalogue import Move
@@ -20,6 +21,7 @@ Lock: TypeAlias = tuple[bool, Site]
 """What can be locked: a unit (False), or the register at a place (True)."""
 NO_PLACE = (InputError, TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
 """What systems raise for a value that is none of their sites."""
+_PLANS_MAX = 1 << 12
 
 
 class NotAnAttempt(InputError):  # noqa: N818 - named for what it is not
@@ -86,12 +88,42 @@ def planned(system: System, tiles: Tiles, attempt: Attempt) -> AttemptPlan:
     What the attempt claims to have sensed must lie within the module's sensing range, and make the
     move admissible; whether it holds is for the keepers to say.
     """
+    known = _known_plans(system, tiles)
     try:
-        return _planned(system, tiles, attempt)
+        content = _content(attempt)
+        plan = known.get(content)
+        if plan is not None:
+            return AttemptPlan(attempt, plan.site, plan.move, plan.chain, plan.shares)
+        if len(known) >= _PLANS_MAX:
+            known.clear()
+        plan = known[content] = _planned(system, tiles, attempt)
     except NotAnAttempt:
         raise
     except NO_PLACE as error:
         raise _not_an_attempt(attempt, error) from None
+    return plan
+
+
+@lru_cache(maxsize=16)
+def _known_plans(_system: System, _tiles: Tiles) -> dict[Hashable, AttemptPlan]:
+    """Return the plans made lately, by the content of the attempt: modules go the same ways."""
+    return {}
+
+
+def _content(attempt: Attempt) -> Hashable:
+    """Return all that a plan depends on."""
+    notes = [
+        (place, tuple(shown), None if new is None else tuple(new))
+        for place, shown, new in attempt.notes
+    ]
+    return (
+        attempt.site,
+        attempt.generator,
+        attempt.at,
+        tuple(attempt.sensed),
+        tuple(notes),
+        tuple(attempt.after),
+    )
 
 
 def chain_of(system: System, tiles: Tiles, attempt: Attempt) -> tuple[int, ...]:

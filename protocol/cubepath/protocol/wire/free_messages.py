@@ -14,7 +14,7 @@ message is not numbered. `halted` and `commits` carry the last number instead. C
 by `serial`.
 """
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias, cast
 
 import msgspec
 
@@ -368,6 +368,18 @@ FREE_KINDS: dict[str, type[msgspec.Struct]] = {
 Numbered: TypeAlias = Requests | Forwards | Replies | TileUpdate | Turns
 """The messages that their senders number."""
 
+_OF_PROCESSES = frozenset((Requests, Turns, Halted))
+_OF_KEEPERS = frozenset((Forwards, Replies, TileUpdate, Commit, CommitLog))
+_ADDRESSEES: dict[type, str] = {
+    Requests: "keeper",
+    Forwards: "to",
+    Replies: "process",
+    TileUpdate: "tile",
+    CommitQuery: "keeper",
+    RetransmitRange: "to",
+}
+"""The field with the part of a key that says to whom, of the kinds that have one."""
+
 _decoder: msgspec.json.Decoder[FreeMessage] = msgspec.json.Decoder(FreeMessage, dec_hook=site_hook)
 
 
@@ -381,19 +393,10 @@ def decode_free(data: bytes) -> FreeMessage:
 
 def free_sender(message: FreeMessage) -> str:
     """Return the name of a message's sender."""
-    match message:
-        case Requests(process=process) | Turns(process=process) | Halted(process=process):
-            return process_name(process)
-        case (
-            Forwards(keeper=keeper)
-            | Replies(keeper=keeper)
-            | TileUpdate(keeper=keeper)
-            | Commit(keeper=keeper)
-            | CommitLog(keeper=keeper)
-        ):
-            return keeper_name(keeper)
-        case _:
-            return "coordinator"
+    kind, said = type(message), cast("Any", message)
+    if kind in _OF_KEEPERS:
+        return keeper_name(said.keeper)
+    return process_name(said.process) if kind in _OF_PROCESSES else "coordinator"
 
 
 def free_kind(message: FreeMessage) -> str:
@@ -408,20 +411,9 @@ def free_topic(message: FreeMessage) -> str:
 
 def free_key(run: str, message: FreeMessage) -> str:
     """Return the key that a message is put on; it ends with who puts."""
-    kind, sender = free_kind(message), free_sender(message)
-    match message:
-        case Requests(keeper=keeper) | CommitQuery(keeper=keeper):
-            return f"cubepath/{run}/{kind}/{keeper}/{sender}"
-        case Forwards(to=keeper):
-            return f"cubepath/{run}/{kind}/{keeper}/{sender}"
-        case Replies(process=process):
-            return f"cubepath/{run}/{kind}/{process}/{sender}"
-        case RetransmitRange(to=name):
-            return f"cubepath/{run}/{kind}/{name}/{sender}"
-        case TileUpdate(tile=tile):
-            return f"cubepath/{run}/{kind}/{tile}/{sender}"
-        case _:
-            return f"cubepath/{run}/{kind}/{sender}"
+    field = _ADDRESSEES.get(type(message))
+    to = "" if field is None else f"{getattr(message, field)}/"
+    return f"cubepath/{run}/{free_kind(message)}/{to}{free_sender(message)}"
 
 
 def read_free(run: str, key: str, data: bytes) -> FreeMessage | None:

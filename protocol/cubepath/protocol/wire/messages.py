@@ -356,7 +356,6 @@ KINDS: dict[str, type[Message]] = {
 }
 
 _BATCHES = frozenset((Bundle, Reports, Observations, ChosenActions))
-_NAMES = {kind: name for name, kind in KINDS.items()}
 _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message, dec_hook=site_hook)
 encode = msgspec.json.Encoder().encode
 
@@ -383,5 +382,5 @@ def parts_of(message: Message) -> Sequence[Message]:
 
 
 def kind_of(message: Message) -> str:
-    """Return the name of a message's kind."""
-    return _NAMES[type(message)]
+    """Return the name of a message's kind, under either clock."""
+    return str(message.__struct_config__.tag)
