@@ -62,7 +62,7 @@ def test_the_plot_says_which_bar_is_which(rows: list[Row]) -> None:
     plot = price_plot(rows)
     assert plot is not None
     assert plot.title.endswith("hesitate 0.0, then hesitate 0.4")
-    text = plot.svg.decode()
+    text = plot.svg().decode()
     legend = text[text.index('id="legend_1"') :]
     names = re.findall(r">(rule factor|class|timing)</text>", legend)
     assert names == ["rule factor", "class", "timing"]  # as the bars stand, from below

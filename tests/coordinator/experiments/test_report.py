@@ -157,12 +157,12 @@ def test_growth_is_that_of_the_means(folder: Path) -> None:
 def test_plots_of_rounds_show_the_runs_that_did_not_arrive(folder: Path) -> None:
     """A rule that never arrives stands at the limit with its share, and others beside theirs."""
     rows = short_names(read_sweep(folder).rows)
-    plots = {plot.name: plot.svg.decode() for plot in plots_of(rows, {})}
+    plots = {plot.name: plot.svg().decode() for plot in plots_of(rows, {})}
     assert plots["growth-rounds"].count(">0/6<") == 3
     assert ">random<" in plots["growth-rounds"]
     assert "24 of 24 reached" in plots["price"]
     mixed = [row | {"goal": row["goal"] and row["seed"] != 2} for row in rows]
-    plots = {plot.name: plot.svg.decode() for plot in plots_of(mixed, {})}
+    plots = {plot.name: plot.svg().decode() for plot in plots_of(mixed, {})}
     assert plots["growth-cubes"].count(">5/6<") == plots["cubes-over-best"].count(">5/6<") == 8
 
 

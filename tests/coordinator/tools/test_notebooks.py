@@ -157,6 +157,15 @@ def test_a_recording_that_is_not_whole_is_shown_as_far_as_it_goes() -> None:
     assert all(each.startswith("<table>") for each in shown)
 
 
+def test_a_subclass_is_shown_as_its_class_is() -> None:
+    """Tests extend `RunLog`."""
+
+    class OwnLog(RunLog):
+        pass
+
+    assert "the goal was reached" in text_of(OwnLog.read(HEX))
+
+
 def test_a_recording_whose_file_is_gone_says_so() -> None:
     """Messages are read when they are asked for."""
     path = new_path()

@@ -7,7 +7,7 @@ bytes.
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, partial
 from io import BytesIO
 from math import ceil
 from textwrap import fill
@@ -85,28 +85,15 @@ _METADATA: Mapping[str, dict[str, None]] = {  # without a date: the same data gi
 Draw = Callable[[Axes, Sequence[Row], "Looks"], None]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Plot:
-    """A plot: its name, what it shows, and its bytes as SVG, PNG and PDF, made when asked for."""
+    """A plot: its name, what it shows, and its bytes as SVG, PNG and PDF, made when called."""
 
     name: str
     title: str
-    figure: Figure
-
-    @cached_property
-    def svg(self) -> bytes:
-        """The plot as SVG."""
-        return _image(self, "svg")
-
-    @cached_property
-    def png(self) -> bytes:
-        """The plot as PNG."""
-        return _image(self, "png")
-
-    def pdf(self) -> bytes:
-        """Return the plot as PDF without its title, which it then has lost in other forms too."""
-        self.figure.suptitle("")
-        return _image(self, "pdf")
+    svg: Callable[[], bytes]
+    png: Callable[[], bytes]
+    pdf: Callable[[], bytes]
 
 
 class Looks:
@@ -380,7 +367,9 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
             loc="outside lower center",
             ncols=min(2 if max(map(len, labels)) > _LONG else 4, len(labels)),
         )
-        return Plot(name, title + more, figure)
+        image = partial(_image, figure, name)
+        svg, png, pdf = (cache(partial(image, kind)) for kind in ("svg", "png", "pdf"))
+        return Plot(name, title + more, svg, png, pdf)
 
 
 def _in_lines(title: str) -> str:
@@ -393,10 +382,11 @@ def _in_lines(title: str) -> str:
     return "\n".join(line.strip() for line in lines if line)
 
 
-def _image(plot: Plot, kind: str) -> bytes:
-    stream, style = BytesIO(), dict[Any, Any](_STYLE | {"svg.hashsalt": plot.name})
+def _image(figure: Figure, name: str, kind: str) -> bytes:
+    """Return a figure as bytes; as PDF, for a paper, without the title, which its caption has."""
+    if kind == "pdf":
+        figure.suptitle("")
+    stream, style = BytesIO(), dict[Any, Any](_STYLE | {"svg.hashsalt": name})
     with mpl.rc_context(style):
-        plot.figure.savefig(
-            stream, format=kind, dpi=_DOTS, facecolor="white", metadata=_METADATA[kind]
-        )
+        figure.savefig(stream, format=kind, dpi=_DOTS, facecolor="white", metadata=_METADATA[kind])
     return stream.getvalue()

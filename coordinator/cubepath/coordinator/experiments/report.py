@@ -83,7 +83,7 @@ def page_of(
 
 
 def _figure(plot: Plot) -> str:
-    text = plot.svg.decode()
+    text = plot.svg().decode()
     svg = text[text.index("<svg") :].replace(INK, "currentColor")
     # Behind the data is the page itself.
     svg = re.sub(r'(<g id="patch_1">\s*<path [^>]*style=")fill: #ffffff', r"\1fill: none", svg)
@@ -195,7 +195,7 @@ def write_report(
     page = page_of(_title(rows), run_facts(rows, older), tables, plots)
     files = {PAGE: page.encode()}
     for plot in plots:
-        files |= {f"{plot.name}.svg": plot.svg, f"{plot.name}.png": plot.png}
+        files |= {f"{plot.name}.svg": plot.svg(), f"{plot.name}.png": plot.png()}
         files |= {f"{plot.name}.pdf": plot.pdf()} if pdf else {}
     try:
         target.mkdir(parents=True, exist_ok=True)

@@ -52,10 +52,11 @@ def text_of(value: object) -> str:
 
 
 def _display(value: Any) -> Display:
+    name = next(each.__name__ for each in type(value).__mro__ if each.__name__ in DISPLAYS)
     try:
-        return DISPLAYS[type(value).__name__](value)
+        return DISPLAYS[name](value)
     except Exception as error:  # noqa: BLE001 - a recording may be damaged, or gone
-        return Display(table([(type(value).__name__, error)]))
+        return Display(table([(name, error)]))
 
 
 def _part(make: Callable[[], str]) -> str:
@@ -156,7 +157,7 @@ def _sweep(found: Any) -> Display:
     made = (tables.runs_table, tables.price_table, tables.pairs_table, tables.growth_table)
     parts = [lambda: "".join(report.table_html(make(rows)) for make in made)]
     if len(rows) <= RUNS_MAX:
-        parts.insert(0, lambda: _images(plot.png for plot in plots.plots_of(rows, {})))
+        parts.insert(0, lambda: _images(plot.png() for plot in plots.plots_of(rows, {})))
     return Display(table(report.run_facts(rows)), parts)
 
 
