@@ -62,7 +62,7 @@ class Pace:
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class Neighbourhood:
     """What there is around a site, whatever is on."""
 
     site: Site
@@ -127,20 +127,20 @@ class Mover:
         return self.halted and self.state == "resting"
 
     @property
-    def around(self) -> Surroundings:
+    def around(self) -> Neighbourhood:
         """Return what there is around its site."""
         if self._around.site != self.site:
             self._around = self._surroundings(self.site)
         return self._around
 
-    def _found_around(self, site: Site) -> Surroundings:
+    def _found_around(self, site: Site) -> Neighbourhood:
         system, tile_of = self._system, self._tiles.tile_of
         place = system.place_of(site)
         sensed = {near: None for near in system.sensed(place) if near is not None}
         near = dict.fromkeys([place, *sensed, *system.reach(place)])
         found = [each for each in near if system.has_place(each)]
         shown = found if self._note_length else [each for each in found if each in sensed]
-        return Surroundings(
+        return Neighbourhood(
             site,
             place,
             frozenset(found),
