@@ -94,12 +94,12 @@ def names() -> str:
 def _entry(package: str, name: str) -> list[str]:
     """Return the directives that document a name, in reStructuredText."""
     found = getattr(import_module(package), name)
+    comments = ModuleAnalyzer.for_module(_homes(package)[name]).find_attr_docs()
+    if comment := comments.get(("", name)):
+        return [f".. py:data:: {package}.{name}", "", *(f"   {line}" for line in comment)]
     if inspect.isclass(found):
         return [f".. autoclass:: {package}.{name}", "   :members:"]
-    if inspect.isfunction(inspect.unwrap(found)):
-        return [f".. autofunction:: {package}.{name}"]
-    comment = ModuleAnalyzer.for_module(_homes(package)[name]).find_attr_docs()["", name]
-    return [f".. py:data:: {package}.{name}", "", *(f"   {line}" for line in comment)]
+    return [f".. autofunction:: {package}.{name}"]
 
 
 @cache

@@ -132,7 +132,11 @@ def test_help_shows_what_is_offered(face: str) -> None:
 
 def docstring(module: str, name: str) -> str | None:
     """Return what stands under a name where it is defined."""
-    body = sources()[module].tree.body
+    body = [
+        inner
+        for statement in sources()[module].tree.body
+        for inner in (statement.body if isinstance(statement, ast.If) else [statement])
+    ]
     for statement, following in zip(body, [*body[1:], None], strict=True):
         if isinstance(statement, ast.FunctionDef | ast.ClassDef) and statement.name == name:
             return ast.get_docstring(statement)

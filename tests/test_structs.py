@@ -13,7 +13,10 @@ from cubepath.protocol.wire.messages import KINDS
 from cubepath.protocol.wire.on_record import parts_in, schema_of
 from filled import TEXT, all_structs, filled
 
-IN_MEMORY = {"Status of asking", "TappedMessage of listeners"}
+IN_MEMORY = {
+    *("Status of asking", "TappedMessage of listeners"),
+    *(f"{effect} of nodes" for effect in ("End", "Ignore", "Keep", "Listen", "Put", "Timer")),
+}
 """What never leaves its process, and may hold what is no JSON."""
 ALL = {f"{each.__name__} of {each.__module__.rpartition('.')[2]}": each for each in all_structs()}
 OPEN = {

@@ -123,8 +123,9 @@ def _shortened(found: Any) -> Display:
 
 def _played(run: Any) -> Display:
     """Return the display of a run in memory, with rounds or without."""
-    steps = {"rounds": len(run.rounds)} if hasattr(run, "rounds") else {"turns": run.turns}
-    moves = sum(map(len, run.steps)) if hasattr(run, "rounds") else len(run.moves)
+    rounds = getattr(run, "rounds", None)
+    steps = {"turns": run.turns} if rounds is None else {"rounds": len(rounds)}
+    moves = len(run.moves) if rounds is None else sum(map(len, run.steps))
     rows = {"system": run.scene.spec, **steps, "moves": moves, "goal reached": run.reached}
     rows |= {} if run.failed is None else {"failed": run.failed}
 
