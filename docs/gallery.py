@@ -1,7 +1,7 @@
 """The gallery of the site: for each system in `gallery.toml` a run, its picture and its page.
 
-All are made when the site is built, and kept in the folder of the site, so that a second build
-draws only what has changed.
+All are made when the site is built, and kept in the folder of the site: a second build draws only
+entries that changed. Delete the folder when the code did.
 """
 
 import contextlib

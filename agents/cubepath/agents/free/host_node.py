@@ -83,9 +83,8 @@ class FreeHostNode(BatchNode):
         self._order: int | None = None
         """The order to halt that it must answer when its modules rest."""
         self._news: set[Site] = set()
-        """Places of which something new is known."""
-        self._new_tiles: set[str] = set()
-        """Tiles of which everything is known now."""
+        """Places of which something new is known; with `_all_news` any place may be one."""
+        self._all_news = False
         self._needs: dict[int, frozenset[str]] = {}
         """The tiles that each module needs."""
         self._due: dict[int, None] = dict.fromkeys(self.movers)
@@ -154,8 +153,7 @@ class FreeHostNode(BatchNode):
             self.refused += 1
             return
         changed, now_whole = self.sensing.take(shows, self._now_s)
-        if now_whole:
-            self._new_tiles.add(shows.tile)
+        self._all_news |= now_whole
         for place in changed:
             known = self.sensing.place(place)
             if known.module in self.movers and known.site is not None:
@@ -209,14 +207,12 @@ class FreeHostNode(BatchNode):
 
     def _wake(self) -> None:
         """Let the modules choose again that sense anything new."""
-        news, tiles = self._news, self._new_tiles
-        if news or tiles:
+        if self._news or self._all_news:
             for module, mover in self.movers.items():
-                around = mover.around
-                if tiles or not around.near.isdisjoint(news):
+                if self._all_news or not mover.near.isdisjoint(self._news):
                     mover.dirty = True
                     self._due[module] = None
-            self._news, self._new_tiles = set(), set()
+            self._news, self._all_news = set(), False
 
     def _need(self, due: Iterable[int]) -> list[Effect]:
         """Listen to the tiles that the modules need; `due` are those that may have moved."""

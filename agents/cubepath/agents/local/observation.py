@@ -181,7 +181,8 @@ class _Memory:
         return site, place, occupied
 
 
-_SEEN_MAX = 1 << 12
+_SEEN_MAX = 1 << 9
+"""More than modules of one process see at a time: ten times as many gain nothing."""
 _memory_of = lru_cache(maxsize=16)(_Memory)
 
 
