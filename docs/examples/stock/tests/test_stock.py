@@ -29,8 +29,8 @@ def sell(network: NetworkUnderTest, *faults: NetworkFault) -> None:
 
 
 def test_a_link_that_is_cut_loses_no_sale(cubepath_network: NetworkUnderTest) -> None:
-    """The third and fourth message over the link of the till are lost."""
-    sell(cubepath_network, NetworkFault("cut", "till", nth=2, count=2))
+    """The next four messages are lost: no more than two acknowledgements, so two sales or more."""
+    sell(cubepath_network, NetworkFault("cut", "till", nth=2, count=4))
     cubepath_network.log.assert_order("stock/sale", "stock/sold")
 
 
