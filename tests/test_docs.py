@@ -140,9 +140,11 @@ def anchors_of(page: Path) -> set[str]:
 @pytest.mark.parametrize("page", sorted({*PAGES, *ROOT.glob("*.md")}), ids=lambda page: page.stem)
 def test_links_lead_somewhere(page: Path) -> None:
     """Every relative link and picture is a file of the repository, and has the heading."""
-    for target, anchor in re.findall(r"\]\((?!http)([^)#]*)#?([^)]*)\)", page.read_text()):
+    links = r"([\w-]+\.md)?\]\((?!http)([^)#]*)#?([^)]*)\)"
+    for named, target, anchor in re.findall(links, page.read_text()):
         there = page.parent / target if target else page
         assert there.exists(), target
+        assert named in ("", there.name), f"{named} leads to {target}"
         assert not anchor or anchor in anchors_of(there), f"{target}#{anchor}"
 
 
