@@ -1,4 +1,4 @@
-"""The example projects of docs/testing.md, as a reader has them: against the installed cubepath."""
+"""The example projects of the docs, as a reader has them: against the installed cubepath."""
 
 import os
 import re
