@@ -36,7 +36,6 @@ from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.coordinator.verification.certificate import check_certificate, check_numbered
 from cubepath.protocol.compiled import allowance
-from cubepath.protocol.file_forms import PlanHints
 from cubepath.protocol.path_files.moves import read_moves, write_cubes
 from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import number_moves
@@ -152,7 +151,7 @@ def main() -> None:
             plan, grid = folder / "plan.txt", folder / "grid.map"
             write_log(plan, starts, rounds)
             write_map(grid, side)
-            read = partial(shorten, plan, hints=PlanHints(companions=(grid,)))
+            read = partial(shorten, plan, companions=[grid])
             now = moves, seconds(read, 1)
             took = now[1]
             print(

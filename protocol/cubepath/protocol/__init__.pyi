@@ -21,7 +21,6 @@ from cubepath.protocol.core.errors import (
 )
 from cubepath.protocol.core.sites import Site as Site
 from cubepath.protocol.core.system import Scene as Scene, System as System, Ways as Ways
-from cubepath.protocol.file_forms import read_plan as read_plan
 from cubepath.protocol.path_files.following import (
     read_following as read_following,
     read_following_proof as read_following_proof,

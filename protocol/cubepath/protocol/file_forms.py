@@ -128,14 +128,7 @@ def form_of(source: Source) -> FileForm:
 
 @dataclass(frozen=True, slots=True)
 class PlanHints:
-    """What a user says of a plan: `name` or `name:key=value,...`, and its companion files.
-
-    >>> from pathlib import Path
-    >>> _ = Path("rolls.txt").write_text("(0,0) -> (0,1) about (1,0)")
-    >>> hints = PlanHints("plain")
-    >>> hints.format, shorten("rolls.txt", system="hex:n=3", hints=hints).moves
-    ('plain', 1)
-    """
+    """What a user says of a plan: `name` or `name:key=value,...`, and its companion files."""
 
     format: str | None = None
     companions: tuple[Path, ...] = ()

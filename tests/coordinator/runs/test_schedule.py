@@ -128,6 +128,8 @@ def test_the_command_carries_out_a_cubes_file(
     assert main(["shorten", str(first.path), "-o", "cubes.jsonl"]) == 0
     capsys.readouterr()
     arguments = ["--schedule", "cubes.jsonl", "--processes", "0", "--json"]
+    assert main(["run", *arguments]) == 2
+    assert "names no system: expected one" in capsys.readouterr().err
     assert main(["run", VEHICLES[0], *arguments]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["goal_reached"]

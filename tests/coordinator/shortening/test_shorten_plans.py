@@ -39,7 +39,7 @@ SAMPLES: dict[str, tuple[str, str | None, PlanHints, tuple[int, int, int, int | 
 def test_samples(name: str) -> None:
     """Moves, reduced moves, cubes and the planner's own rounds; the end is that of the plan."""
     source, system, hints, expected = SAMPLES[name]
-    found = shorten(DATA / source, system=system, hints=hints)
+    found = shorten(DATA / source, system=system, format=hints.format, companions=hints.companions)
     document = found.document()
     keys = ("moves", "reduced_moves", "cubes", "planner_rounds")
     assert tuple(document[key] for key in keys) == expected
@@ -64,7 +64,7 @@ def test_a_plan_becomes_a_moves_file(tmp_path: Path) -> None:
     target = tmp_path / "flips.jsonl"
     convert(DATA / "kite.solution.json", target, hints=KITE)
     system = f"triangulation:points={DATA / 'kite.instance.json'}"
-    first = shorten(DATA / "kite.solution.json", hints=KITE)
+    first = shorten(DATA / "kite.solution.json", format=KITE.format, companions=KITE.companions)
     assert encode(shorten(target, system=system).named) == encode(first.named)
 
 
@@ -86,7 +86,7 @@ def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
     assert (code, document["cubes"], document["planner_rounds"]) == (0, 5, 4)
     first = json.loads(cubes.read_text().splitlines()[0])
     assert [move["at"] for move in first["moves"]] == [[[2, 0], [2, 1]], [[4, 2], [4, 3]]]
-    code, out, _ = run(capsys, "shorten", DATA / "lacam.txt", "--with", ROOM)
+    code, out, _ = run(capsys, "shorten", DATA / "lacam.txt")
     assert "planner's rounds  4" in out
     code, out, _ = run(capsys, "shorten", DATA / "pivots.txt", "--system", "hex:n=3")
     assert code == 0
@@ -94,7 +94,7 @@ def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
 
 
 REFUSED: dict[str, tuple[tuple[object, ...], str]] = {
-    "no map": ((DATA / "lacam.txt",), "a plan on a map: expected the map room.map, --with FILE"),
+    "no map": ((DATA / "eecbs.txt",), "a plan on a map: expected the map, --with FILE"),
     "no instance": (
         (DATA / "train.solution.json",),
         "says nothing of its instance: expected --with",

@@ -122,7 +122,9 @@ def test_a_plan_that_ends_elsewhere_is_a_failed_check(
     assert json.loads(out)["cubes"] == len(cubes.read_text().splitlines())
     assert err.startswith(f"cubepath: {source}: the plan does not solve its instance: {told}")
     assert err.count("\n") == 1
-    assert (shorten(source, hints=hints).given.unsolved or "").startswith(told)
+    assert (
+        shorten(source, format=hints.format, companions=hints.companions).given.unsolved or ""
+    ).startswith(told)
 
 
 def test_a_converted_plan_is_told_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -180,7 +182,7 @@ def test_a_plan_that_solves_its_instance_is_not_told(tmp_path: Path, name: str) 
         ),
     }[name]()
     assert main(command(source, hints)) == 0
-    assert shorten(source, hints=hints).given.unsolved is None
+    assert shorten(source, format=hints.format, companions=hints.companions).given.unsolved is None
 
 
 def test_a_scenario_without_moves_is_no_plan(tmp_path: Path) -> None:

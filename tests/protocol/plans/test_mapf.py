@@ -50,6 +50,31 @@ def test_samples_hold_one_plan(name: str, scenario: Sequence[Path]) -> None:
     assert found.labelled_goals
 
 
+def test_a_log_finds_the_map_that_it_names_in_its_own_folder(tmp_path: Path) -> None:
+    """By its name alone: a path to another folder is not followed."""
+    (tmp_path / "plans").mkdir()
+    for folder, named in ((".", "room.map"), ("plans", "../room.map"), ("plans", str(ROOM))):
+        text = log_text(PLAN).replace("map_file=room.map", f"map_file={named}")
+        path = save(tmp_path / folder / "log.txt", text)
+        if folder == ".":
+            save(tmp_path / "room.map", ROOM.read_text())
+            assert len(moves_read(path)) == 3
+        else:
+            with pytest.raises(InputError, match="expected the map"):
+                read_plan(path)
+    save(tmp_path / "plans" / "room.map", ROOM.read_text())
+    assert len(moves_read(tmp_path / "plans" / "log.txt", companions=[])) == 3
+
+
+def test_lists_by_timestep_read_as_by_agent_are_refused_with_the_way_to_say_it(
+    tmp_path: Path,
+) -> None:
+    """Two agents on one cell are most often two timesteps of an agent that waits."""
+    path = save(tmp_path / "paths.json", [[(1, 0), (2, 0)], [(1, 0), (2, 0)]])
+    with pytest.raises(InputError, match=r"start at .*; a list for each timestep is --format"):
+        read_plan(path, companions=[ROOM])
+
+
 def test_a_follower_waits_for_whom_it_follows() -> None:
     """In the first round agent 1 goes first, though agent 0 comes before it in the file."""
     names = [move.name for move in moves_read(DATA / "lacam.txt", companions=[ROOM])][:2]

@@ -96,12 +96,11 @@ def _shorten(options: argparse.Namespace) -> int:
 
 def shortened_input(options: argparse.Namespace) -> Shortened:
     """Return the input, shortened in its homotopy class."""
-    from cubepath.coordinator.shortening.normal_path import shorten  # noqa: PLC0415
+    from cubepath.coordinator.shortening.normal_path import shortened  # noqa: PLC0415
+    from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
 
     with progress_bar(None, "shorten", " moves") as bar:
-        return shorten(
-            options.input, system=options.system, progress=bar.update, hints=hints(options)
-        )
+        return shortened(read_input(options.input, options.system, hints(options), bar.update))
 
 
 @dataclass(frozen=True, slots=True)

@@ -238,8 +238,10 @@ def _task_of_schedule(plan: Plan, path: Path) -> RunTask:
 
     schedule = read_schedule(path)
     scene = schedule.scene
-    if plan.system is not None or scene is None:
+    if plan.system is not None:
         scene = _scene_named(plan.system)
+    if scene is None:
+        raise InputError(f"{path}: a cubes file, which names no system: expected one with it")
     scene = _with_runs(scene)
     _check_speeds(plan, scene)
     assignment = assignment_of(schedule, scene)

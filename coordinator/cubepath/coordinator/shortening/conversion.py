@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from cubepath.coordinator.shortening.path_input import PathInput, read_input, starts_to_compare
+from cubepath.coordinator.shortening.path_input import hints_for_each, read_input, starts_to_compare
 from cubepath.coordinator.verification.dependencies import difference
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
@@ -84,18 +84,10 @@ def difference_of(
     """Return the first difference between two paths in one line, None if there is none.
 
     They are equal up to swapping commuting moves, or with `homotopic` have one normal cube path.
-    `system` is that of files of moves; a recording has its own. Errors are as for `read_input`.
+    `system` and `hints` are for the one that needs them. Errors are as for `read_input`.
     """
-    one, other = (_read(path, system, hints, progress) for path in paths)
+    said = hints_for_each(paths, system, hints)
+    one, other = (read_input(path, *each, progress) for path, each in zip(paths, said, strict=True))
     return difference(
         one.actions, other.actions, starts_to_compare(one, other), homotopic=homotopic
     )
-
-
-def _read(
-    path: Path, system: str | None, hints: PlanHints, progress: Callable[[int], object] | None
-) -> PathInput:
-    with opened(path) as file:
-        if form_of(file).name == "recording":
-            return read_input(file, None, NO_HINTS, progress)
-        return read_input(file, system, hints, progress)

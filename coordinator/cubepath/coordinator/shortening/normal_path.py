@@ -126,14 +126,25 @@ def shorten(
     path: str | Path | HasPath,
     *,
     system: str | None = None,
+    format: str | None = None,  # noqa: A002 - the word of the command line
+    companions: Sequence[str | Path] = (),
     progress: Progress | None = None,
-    hints: PlanHints = NO_HINTS,
 ) -> Shortened:
-    """Return the normal cube path of the path in a file; errors as for `read_input`.
+    """Return the normal cube path of the path in a file.
 
     An empty file is a path of no moves, which gives a path of no cubes. Instead of a file, the
-    path may be that of a run in memory: what `run` or `play` returned, which have no use for
-    `system` and `hints`.
+    path may be that of a run in memory: what `run` or `play` returned.
+
+    Args:
+        path: a recording, a moves file, a scenario, or another program's plan.
+        system: the system that the moves of a moves file or a plain list name.
+        format: of a plan, if its content does not say: ``NAME`` or ``NAME:key=value,...``.
+        companions: the files that a plan refers to: its map, benchmark scenario or instance.
+        progress: is called with numbers of moves that were read.
+
+    InputError if the file cannot be read, is damaged, or holds a move that is not admissible, and
+    if something is given that it has no use for; CheckError if the reports of a recording
+    contradict each other.
 
     >>> from cubepath.agents import play
     >>> played = play("agv:graph=grid4x4,n=4", "random", seed=2, max_rounds=50)
@@ -141,6 +152,7 @@ def shorten(
     >>> found.moves, found.reduced_moves, found.cubes, found.bound.cubes
     (128, 50, 20, 3)
     """
+    hints = PlanHints(format, tuple(map(Path, companions)))
     if path == "":
         raise InputError("path='': expected the path of a file")
     if isinstance(path, str | Path):

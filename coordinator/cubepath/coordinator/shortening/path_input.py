@@ -62,7 +62,8 @@ class PathInput:
     `labelled_goals` the vehicles of a plan have no labels, but each must end where the plan takes
     it. `unsolved` is one line on how the end of a plan differs from what its instance asks for, or
     None. `seconds` is how long reading took. `step_name` says what its steps are, and `step_sizes`
-    how many moves each step of a recording has; of other files each move is a step.
+    how many moves each step of a recording, or each round of a planner, has; of other files each
+    move is a step.
 
     >>> given = shorten("logs/golden/hex-5.mcap").given
     >>> given.form, len(given.moves)
@@ -131,6 +132,28 @@ def read_input(
     """
     with opened(source) as file:
         return _Reading(file, system, hints, progress).read()
+
+
+def hints_for_each(
+    sources: Sequence[Source | None], system: str | None, hints: PlanHints
+) -> list[tuple[str | None, PlanHints]]:
+    """Return what is said of several files for each of them, as far as it has a use for it.
+
+    None is a recording that has been read. What none of them has a use for is said of all, to be
+    refused.
+    """
+    found: list[tuple[str | None, PlanHints]] = []
+    for source in sources:
+        if source is None:
+            found.append((None, NO_HINTS))
+            continue
+        with opened(source) as file:
+            form = form_of(file)
+            plan = form.plan or (hints.format is not None and not form.holds(file))
+        own = form.name == "recording" or (plan and "plain" not in {form.name, hints.format})
+        found.append((None if own else system, hints if plan else NO_HINTS))
+    useless = all(given is None for given, _ in found), all(given is NO_HINTS for _, given in found)
+    return [(system if useless[0] else one, hints if useless[1] else two) for one, two in found]
 
 
 def input_of(played: HasPath, progress: Progress | None = None) -> PathInput:
@@ -218,6 +241,8 @@ class _Reading:
             numbered = number_moves(plan.moves, self._progress)
         elif self._progress is not None:
             self._progress(len(numbered.numbers))
+        sizes = tuple(plan.round_sizes())
+        in_rounds = any(size != 1 for size in sizes)
         return PathInput(
             self._file.path,
             spec.partition(":")[0],
@@ -229,6 +254,8 @@ class _Reading:
             planner_rounds=plan.rounds,
             labelled_goals=plan.labelled_goals,
             unsolved=plan.unsolved(),
+            step_name="round" if in_rounds else "move",
+            step_sizes=sizes if in_rounds else None,
         )
 
     def _of_recording(self, form: FileForm) -> PathInput:

@@ -74,8 +74,15 @@ def steps_of(found: Shortened) -> PathSteps:
     """Return the steps of a shortened path; InputError if nothing says where modules are."""
     given = found.given
     scene = given.scene or _own_scene(given)
-    steps = [(action,) for action in given.actions]
-    return PathSteps(scene, "move", steps, found.cube_path, found.normal_form, given.unsolved)
+    return PathSteps(
+        scene, given.step_name, _steps(given), found.cube_path, found.normal_form, given.unsolved
+    )
+
+
+def _steps(given: PathInput) -> list[Sequence[Action]]:
+    actions = given.actions
+    sizes = (1,) * len(actions) if given.step_sizes is None else given.step_sizes
+    return [actions[one:other] for one, other in pairwise(np.cumsum((0, *sizes)).tolist())]
 
 
 def certified_steps(
@@ -97,13 +104,11 @@ def certified_steps(
     if wrong is not None:
         raise CheckError(f"{proof.path}: check {wrong[0]!r} failed: {wrong[1]}")
     actions = given.actions
-    sizes = (1,) * len(actions) if given.step_sizes is None else given.step_sizes
-    ends = np.cumsum((0, *sizes)).tolist()
     order = {move: place for place, move in enumerate(chain.from_iterable(certificate.cubes))}
     return PathSteps(
         given.scene or _own_scene(given),
         given.step_name,
-        [actions[one:other] for one, other in pairwise(ends)],
+        _steps(given),
         [[actions[move - 1] for move in cube] for cube in certificate.cubes],
         _fates(certificate),
         given.unsolved,

@@ -95,7 +95,8 @@ def read_cgshop2026(request: PlanRequest) -> ImportedPath:
             f" {first}: {why}"
         )
 
-    return ImportedPath(moves(), len(rounds), scene, unsolved=unsolved)
+    sizes = lambda: tuple(map(len, rounds))  # noqa: E731 - asked for where rounds are drawn
+    return ImportedPath(moves(), len(rounds), scene, unsolved=unsolved, round_sizes=sizes)
 
 
 def _apart(

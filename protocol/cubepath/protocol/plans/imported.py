@@ -92,6 +92,8 @@ class ImportedPath:
     plan with the planner's rounds and whatever rotates in them, and raises InputError as `moves`
     does; None if the plan is not of vehicles on a grid. `numbered` may be called before both: it
     returns the path of `moves` as a whole, None if only they can be had or say what is wrong.
+    `round_sizes` may be called after either: it returns the number of moves in each round of the
+    planner, nothing if the plan has no rounds.
     """
 
     moves: Iterator[PathMove]
@@ -101,6 +103,7 @@ class ImportedPath:
     unsolved: Callable[[], str | None] = lambda: None
     vehicles: Callable[[], VehiclePlan] | None = None
     numbered: Callable[[], NumberedPath | None] = lambda: None
+    round_sizes: Callable[[], Sequence[int]] = tuple
 
 
 def only(request: PlanRequest, what: str) -> Path:

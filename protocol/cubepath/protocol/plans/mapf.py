@@ -246,7 +246,13 @@ def _imported(request: PlanRequest, plan: _Plan, order: str) -> ImportedPath:
     first = [planned[0] for planned in plan.paths]
     with errors_at(str(path)):
         _check_starts(first, plan.starts, starts or ())
-        vehicles = Vehicles(first, free.__contains__, called="agent")
+        try:
+            vehicles = Vehicles(first, free.__contains__, called="agent")
+        except InputError as error:
+            if request.values.get("by") != "agent":
+                raise
+            by_step = "a list for each timestep is --format mapf-json:by=step"
+            raise InputError(f"{error}; {by_step}") from None
     known = plan.goals if goals is None else goals[: len(first)]
     return planned_path(
         path,
@@ -292,6 +298,9 @@ def _beside(
                 scenario = task_from_scen(file)
             else:
                 graph = graph_from_map(file)
+    if graph is None and (map_file := _named_map(request.path, plan)) is not None:
+        with opened(map_file) as file:
+            graph = graph_from_map(file)
     if graph is None:
         named = "" if plan.map_name is None else f" {plan.map_name}"
         raise InputError(f"{request.path}: a plan on a map: expected the map{named}, --with FILE")
@@ -302,6 +311,14 @@ def _beside(
             f"{request.path}: {len(plan.paths)} agents, in the scenario {len(scenario.starts)}"
         )
     return graph, scenario.starts, scenario.goals
+
+
+def _named_map(path: Path, plan: _Plan) -> Path | None:
+    """Return the map that a log names, if it lies in the folder of the log; no other is opened."""
+    name = Path(plan.map_name or "").name
+    if not name or not path.is_file():  # as standard input
+        return None
+    return path.with_name(name) if path.with_name(name).is_file() else None
 
 
 def _in_order(

@@ -15,6 +15,8 @@ from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
@@ -153,7 +155,7 @@ class Vehicles:
         return (
             f"{self._move(first, movers[first])}: {self.called}s {names} rotate, each into the cell"
             " that the next one leaves: expected one of these cells to be empty, or no order of"
-            " their moves is legal; --following mapf is for plans that rotate"
+            " their moves is legal; 'cubepath improve --following mapf' takes plans that rotate"
         )
 
     def _move(self, vehicle: int, cell: Cell) -> str:
@@ -224,13 +226,16 @@ def planned_path(
     same rounds as arrays, where the graph is a grid and they can be had at once.
     """
     starts = tuple(vehicles.at)
+    sizes = list[int]()
 
     def made(go: Callable[[Mapping[int, Cell]], list[_T]]) -> Iterator[list[_T]]:
         for where, targets in rounds:
             try:
-                yield go(targets())
+                moves = go(targets())
             except InputError as error:
                 raise InputError(f"{where}, {error}") from None
+            sizes.append(len(moves))
+            yield moves
 
     def carried(*, rotate: bool) -> CarriedPlan | None:
         try:
@@ -238,8 +243,9 @@ def planned_path(
         except OverflowError:  # a cell beyond 64 bits, which is none of the graph's
             return None
         found = None if moves is None else carry_out(starts, graph().vertices, moves, rotate=rotate)
-        if found is not None:
+        if moves is not None and found is not None:
             vehicles.at = found.at
+            sizes[:] = np.diff(moves.ends, prepend=0).tolist()
         return found
 
     def numbered() -> NumberedPath | None:
@@ -267,4 +273,5 @@ def planned_path(
         unsolved=unsolved,
         vehicles=plan,
         numbered=numbered,
+        round_sizes=lambda: sizes,
     )

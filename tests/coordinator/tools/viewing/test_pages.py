@@ -168,4 +168,9 @@ def test_moves_cubes_and_plans_have_pages_too(
     found = page_document(page)
     assert [path["step"] for path in found["paths"]] == ["move", "cube"]
     assert len(found["paths"][0]["ends"]) == len(found["paths"][0]["rows"]) == 28
+    plan = GOLDEN.parents[1] / "tests" / "data" / "imports" / "lacam.txt"
+    assert main(["view", str(plan), str(GOLDEN / "agv-6.mcap"), "-o", str(page)]) == 0
+    paths = page_document(page)["paths"]
+    assert [path["step"] for path in paths] == ["round", "cube", "round", "cube"]
+    assert paths[0]["ends"] == [2, 4, 7, 8]
     assert capsys.readouterr().err == ""

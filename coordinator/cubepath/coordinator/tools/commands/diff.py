@@ -65,14 +65,15 @@ def _diff(options: argparse.Namespace) -> int:
     check_files(options, [options.a, options.b])
     if options.same or options.homotopic:
         return _equal(options)
-    if options.format is not None or options.companions:
-        option = "--format" if options.companions == [] else "--with"
-        raise InputError(f"{option}: expected --same or --homotopic with it")
     from cubepath.coordinator.tools.comparison.run_comparison import diff  # noqa: PLC0415 - loads numpy
 
     with progress_bar(None, "compare", ""):
         found = diff(
-            options.a, options.b, rounds=options.rounds or (1, None), system=options.system
+            options.a,
+            options.b,
+            rounds=options.rounds or (1, None),
+            system=options.system,
+            hints=hints(options),
         )
     answer(options, found.document(), str(found))
     return DONE if found.same else FAILED

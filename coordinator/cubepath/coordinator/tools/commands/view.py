@@ -26,7 +26,7 @@ from cubepath.coordinator.tools.commands.live import (
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
-from cubepath.protocol.file_forms import form_of
+from cubepath.protocol.file_forms import PlanHints, form_of
 
 if TYPE_CHECKING:
     from cubepath.coordinator.normal_form.array_heap import NormalForm
@@ -408,7 +408,17 @@ def _view_scene(options: argparse.Namespace, scene: Scene) -> int:
 
 
 def _inputs(options: argparse.Namespace) -> list[DrawingInput]:
-    found = [_read(options, each) for each in (options.input, options.other) if each is not None]
+    from cubepath.coordinator.shortening.path_input import hints_for_each  # noqa: PLC0415
+
+    sources = [each for each in (options.input, options.other) if each is not None]
+    for source in sources:
+        if _scene_in(source) is not None:
+            raise InputError(f"{source}: a scene without a run, expected a run or another path")
+    given = options.system, hints(options)
+    each_given = [given] if len(sources) == 1 else hints_for_each(sources, *given)
+    found = [
+        _read(source, options.of, *said) for source, said in zip(sources, each_given, strict=True)
+    ]
     if options.of is not None and all(each.chain is None for each in found):
         raise InputError(f"{found[0].source}: no certificate, expected no --of")
     return found
@@ -458,22 +468,22 @@ def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
         )
 
 
-def _read(options: argparse.Namespace, path: Path) -> DrawingInput:
-    if _scene_in(path) is not None:
-        raise InputError(f"{path}: a scene without a run, expected a run or another path")
-    with opened(path) as file:
-        return (_recorded if form_of(file).name == "recording" else _from_file)(options, file)
+def _read(source: Path, of: Path | None, system: str | None, plan_hints: PlanHints) -> DrawingInput:
+    with opened(source) as file:
+        if form_of(file).name != "recording":
+            return _from_file(file, of, system, plan_hints)
+        if system is not None or plan_hints != PlanHints():
+            raise InputError(
+                f"{source}: a recording, which says itself what its system is: expected no"
+                " --system, --format or --with"
+            )
+        return _recorded(file)
 
 
-def _recorded(options: argparse.Namespace, file: InputFile) -> DrawingInput:
+def _recorded(file: InputFile) -> DrawingInput:
     from cubepath.coordinator.runs.gathering import gathered_in_full  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
-    if options.system is not None or options.format is not None or options.companions:
-        raise InputError(
-            f"{file.path}: a recording, which says itself what its system is: expected no --system,"
-            " --format or --with"
-        )
     with progress_bar(None, "read", "") as bar:
         recording = read_recording(file)
         bar.clear()
@@ -493,19 +503,21 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> DrawingInput:
     )
 
 
-def _from_file(options: argparse.Namespace, file: InputFile) -> DrawingInput:
+def _from_file(
+    file: InputFile, of: Path | None, system: str | None, plan_hints: PlanHints
+) -> DrawingInput:
     from cubepath.coordinator.shortening.path_steps import certified_steps, read_steps  # noqa: PLC0415
 
     with progress_bar(None, "view", " moves") as bar:
         if form_of(file).name == "certificate":
-            if options.of is None:
+            if of is None:
                 raise InputError(
                     f"{file.path}: a certificate, which has the numbers of moves alone: expected"
                     " --of INPUT"
                 )
-            found = certified_steps(file, options.of, options.system, hints(options), bar.update)
+            found = certified_steps(file, of, system, plan_hints, bar.update)
         else:
-            found = read_steps(file, options.system, hints(options), bar.update)
+            found = read_steps(file, system, plan_hints, bar.update)
     return DrawingInput(
         file.path,
         found.scene,

@@ -16,7 +16,12 @@ from typing import Any, NamedTuple
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.coordinator.shortening.path_input import PathInput, read_input, starts_to_compare
+from cubepath.coordinator.shortening.path_input import (
+    PathInput,
+    hints_for_each,
+    read_input,
+    starts_to_compare,
+)
 from cubepath.coordinator.tools.comparison.results import MoveDifference, PathComparison
 from cubepath.coordinator.verification.choices import Moment
 from cubepath.coordinator.verification.dependencies import difference, label_of
@@ -33,6 +38,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.file_forms import PlanHints, form_of
 from cubepath.protocol.path_files.moves import is_by_generator
 from cubepath.protocol.recordings.cutting import FILTERED, SPLIT, whole_of
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
@@ -346,16 +352,18 @@ class FilesCompared(NamedTuple):
 
 
 def compare_files(
-    a: Recording | Source, b: Recording | Source, system: str | None
+    a: Recording | Source, b: Recording | Source, system: str | None, hints: PlanHints
 ) -> FilesCompared:
     """Compare the moves of two files of any kind; errors as for `read_input`."""
     notes: list[str] = []
-    systems = [_system_for(each, other, system) for each, other in ((a, b), (b, a))]
+    files = [None if isinstance(each, Recording) else each for each in (a, b)]
+    (one_system, one_hints), (two_system, two_hints) = hints_for_each(files, system, hints)
+    systems = _system_for(a, b, one_system), _system_for(b, a, two_system)
     for name, given in zip("ab", systems, strict=True):
         if isinstance(given, Scene):
             what = f"the moves of {name} are read as those of {given.spec}"
             notes.append(f"{what}, as the recording is")
-    both = [_moves_in(each, given) for each, given in zip((a, b), systems, strict=True)]
+    both = _moves_in(a, systems[0], one_hints), _moves_in(b, systems[1], two_hints)
     (one, _), (two, _) = both
     notes += [f"{name} {odd}" for name, (_, each) in zip("ab", both, strict=True) for odd in each]
     first = first_other(one.actions, two.actions)
@@ -401,11 +409,11 @@ def _ends(one: PathInput, two: PathInput, *, homotopic: bool) -> tuple[str | Non
 
 
 def _moves_in(
-    source: Recording | Source, system: str | Scene | None
+    source: Recording | Source, system: str | Scene | None, hints: PlanHints
 ) -> tuple[PathInput, list[str]]:
     """Return a path, and what is odd with the recording that it is of."""
     if not isinstance(source, Recording):
-        return read_input(source, system), []
+        return read_input(source, system, hints), []
     found, cut = gathered(source), cut_text(source)
     odd = [f"is damaged: {problem}" for problem in source.problems]
     odd += [] if cut is None else [f"has {cut}"]
@@ -425,9 +433,11 @@ def _system_for(
 
 
 def _names_generators(source: Source) -> bool:
-    """Return whether the first line of a file is a move by its generator."""
+    """Return whether a file names moves by their generators or ends alone."""
     with opened(source) as file:
-        return any(is_by_generator(line) for _, line in islice(file.numbered_lines(), 1))
+        return form_of(file).name == "plain" or any(
+            is_by_generator(line) for _, line in islice(file.numbered_lines(), 1)
+        )
 
 
 def _end(moves: PathInput) -> frozenset[Site] | None:

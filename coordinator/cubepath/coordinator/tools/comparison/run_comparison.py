@@ -43,7 +43,7 @@ from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.input_files import InputFile, Source, opened
-from cubepath.protocol.file_forms import form_of
+from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Summary
 
@@ -63,7 +63,11 @@ def check_asked(asked: ComparisonScope) -> None:
 
 
 def check_use(
-    a: Recording | InputFile, b: Recording | InputFile, asked: ComparisonScope, system: str | None
+    a: Recording | InputFile,
+    b: Recording | InputFile,
+    asked: ComparisonScope,
+    system: str | None,
+    hints: PlanHints,
 ) -> None:
     """Refuse what would make no difference for these two; InputError."""
     recordings = [each for each in (a, b) if isinstance(each, Recording)]
@@ -72,6 +76,8 @@ def check_use(
             f"system={system}: {a.path} and {b.path} are recordings, which say themselves what"
             " their system is: expected no system"
         )
+    if hints != NO_HINTS and len(recordings) == 2:
+        raise InputError(f"{a.path}, {b.path}: recordings, expected neither --format nor --with")
     free = next((each for each in recordings if each.clock == "free"), None)
     moves = next((each for each in (a, b) if not isinstance(each, Recording)), None)
     why = None
@@ -119,6 +125,7 @@ def diff(
     *,
     rounds: tuple[int, int | None] = (1, None),
     system: str | None = None,
+    hints: PlanHints = NO_HINTS,
 ) -> RunComparison:
     """Return where two runs part, and why.
 
@@ -138,6 +145,7 @@ def diff(
             runs with rounds.
         system: the system that moves of a file of moves name; by default, beside a recording, that
             of the recording.
+        hints: the format and the companion files of a plan, for the one that is a plan.
 
     A damaged recording, one that begins late, and one from which messages were taken are compared
     as far as they have what the other has, and `notes` says so.
@@ -150,9 +158,9 @@ def diff(
     check_asked(asked)
     with ExitStack() as stack:
         one, two = (_recording(each, stack) for each in (a, b))
-        check_use(one, two, asked, system)
+        check_use(one, two, asked, system, hints)
         if not isinstance(one, Recording) or not isinstance(two, Recording):
-            return _moves_alone(one, two, system)
+            return _moves_alone(one, two, system, hints)
         parameters = _parameters(one, two)
         scene = scenes_text(one.scene, two.scene)
         if one.scene.family != two.scene.family:
@@ -161,7 +169,7 @@ def diff(
                 " have nothing in common: expected two runs of one family"
             )
         if one.clock != two.clock:
-            return replace(_moves_alone(one, two, system), parameters=parameters)
+            return replace(_moves_alone(one, two, system, hints), parameters=parameters)
         found = compare_free(one, two) if one.clock == "free" else _with_rounds(one, two, asked)
         # A recording that was read before may be another than the file now is.
         as_files = not isinstance(a, Recording) and not isinstance(b, Recording)
@@ -191,9 +199,9 @@ def _recording(source: Recording | Source, stack: ExitStack) -> Recording | Inpu
 
 
 def _moves_alone(
-    a: Recording | InputFile, b: Recording | InputFile, system: str | None
+    a: Recording | InputFile, b: Recording | InputFile, system: str | None, hints: PlanHints
 ) -> RunComparison:
-    move, paths, scene, notes = compare_files(a, b, system)
+    move, paths, scene, notes = compare_files(a, b, system, hints)
     return RunComparison(
         a=str(a.path),
         b=str(b.path),
