@@ -153,6 +153,11 @@ def _verify_certificate(
     if source.suffix == ".jsonl":
         cubes, source = file, file_within(source.parent, companion(source).name)
         proof = source
+        if not source.exists():
+            raise InputError(
+                f"{source}: no certificate next to the cubes file, expected that of"
+                " 'shorten --certificate'; for what 'improve' writes, its --proof"
+            )
     with progress_bar(None, "verify", " moves") as bar:
         certificate = read_certificate(proof)
         path = read_input(options.of, options.system, hints(options), bar.update)
