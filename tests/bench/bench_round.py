@@ -120,7 +120,11 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
             kept.append((message, data))
 
         with LockstepFleet(
-            scene, "random", processes=processes, sink=sink, plausible=conductor.gatherer.plausibility.check
+            scene,
+            "random",
+            processes=processes,
+            sink=sink,
+            plausible=conductor.gatherer.plausibility.check,
         ) as fleet:
             conductor.gatherer.plausibility.know(fleet.modules_of, 0)
             pids = [os.getpid(), *fleet.pids.values()]

@@ -63,7 +63,9 @@ class Driven:
         ]
         self.conductor = Conductor(self.scene, max_rounds=1000, record=lambda _: None)
         self.conductor.gatherer.plausibility.know(modules_of, seed)
-        self.pacer = Pacer(RUN, modules_of, judge=judge, check=self.conductor.gatherer.plausibility.check)
+        self.pacer = Pacer(
+            RUN, modules_of, judge=judge, check=self.conductor.gatherer.plausibility.check
+        )
         self.put: list[tuple[str, bytes]] = []
         """The last messages that were put."""
         self.names: list[str] = [f"process_{process}" for process in range(len(modules_of))]

@@ -14,8 +14,7 @@ from samples.strategies import Word, crowded_words, words
 def left_of(path: Word) -> Word:
     """Return the moves that are left when all that cancels is taken out."""
     names, (numbers,) = numbered(path)
-    kept = remaining(numbers, names).tolist()
-    return [action for action, stays in zip(path, kept, strict=True) if stays]
+    return [path[place] for place in remaining(numbers, names)]
 
 
 @given(st.one_of(words(), crowded_words()))

@@ -145,7 +145,7 @@ def _verify_certificate(
     options: argparse.Namespace, file: InputFile, source: Path, cubes_file: Path | None
 ) -> int:
     from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
-    from cubepath.coordinator.verification.certificate import check_numbered, compare_cubes  # noqa: PLC0415
+    from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes  # noqa: PLC0415
     from cubepath.protocol.path_files.certificates import companion, read_certificate  # noqa: PLC0415
 
     proof: Source = file
@@ -156,7 +156,7 @@ def _verify_certificate(
     with progress_bar(None, "verify", " moves") as bar:
         certificate = read_certificate(proof)
         path = read_input(options.of, options.system, hints(options), bar.update)
-        found = check_numbered(certificate, path.numbered, path.start)
+        found = check_certificate(certificate, path.actions, path.start)
         if cubes is not None:
             read = _cubes(cubes)
             if found["form"] is None:

@@ -4,7 +4,7 @@ It is pure, like the nodes: messages come in, and messages for the recording com
 zenoh and a simulated one use the same conductor.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 

@@ -18,7 +18,7 @@ from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.shortening.normal_path import Shortened, shortened
 from cubepath.coordinator.shortening.path_input import PathInput, read_input
-from cubepath.coordinator.verification.certificate import check_numbered
+from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -92,7 +92,7 @@ def certified_steps(
     """
     certificate = read_certificate(proof)
     given = read_input(of, system, hints, progress)
-    checks = check_numbered(certificate, given.numbered, given.start)
+    checks = check_certificate(certificate, given.actions, given.start)
     wrong = next(((name, why) for name, why in checks.items() if why is not None), None)
     if wrong is not None:
         raise CheckError(f"{proof.path}: check {wrong[0]!r} failed: {wrong[1]}")

@@ -246,7 +246,11 @@ class _Run:
         judge = Judge(RUN, modules_of, self.scene.system)
         judge.note_length = self.rule.note_length(len(self.scene.start))
         self._pacer = Pacer(
-            RUN, modules_of, judge=judge, check=self.conductor.gatherer.plausibility.check, patience_s=PATIENCE_S
+            RUN,
+            modules_of,
+            judge=judge,
+            check=self.conductor.gatherer.plausibility.check,
+            patience_s=PATIENCE_S,
         )
         self._coordinator = Coordinator(self._pacer, self.conductor, self._record)
         self._modules_of = modules_of

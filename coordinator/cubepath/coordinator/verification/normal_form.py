@@ -6,8 +6,6 @@ of their supports. The code that shortens is not used.
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from cubepath.coordinator.verification.dependencies import numbered, remaining
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
@@ -27,7 +25,7 @@ def cubes_of(path: Sequence[Action]) -> list[list[Action]]:
     touched: dict[Site, int] = {}
     cubes: list[list[Action]] = []
     names, (numbers,) = numbered(path)
-    for place in np.flatnonzero(remaining(numbers, names)).tolist():
+    for place in remaining(numbers, names):
         action = path[place]
         below = 0
         for site in action.trace:
