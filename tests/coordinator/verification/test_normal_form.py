@@ -4,8 +4,7 @@ from itertools import chain
 
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.verification.dependencies import numbered, remaining
-from cubepath.coordinator.verification.normal_form import cubes_of
+from cubepath.coordinator.verification.dependencies import cubes_of, numbered, remaining
 from cubepath.protocol.core.actions import Action
 from oracles.obvious import obvious_normal_form
 from samples.strategies import Word, crowded_words, words

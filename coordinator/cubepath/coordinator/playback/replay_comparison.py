@@ -159,7 +159,6 @@ class Comparison:
     """
 
     def __init__(self, recording: Recording, gathered: Gathered, extent: MissingRounds) -> None:
-        """Compare everything."""
         self._recording = recording
         self._gatherer = gathered
         self._extent = extent

@@ -162,7 +162,6 @@ class ReplaySession:
         self._segments = SegmentComparison(self.recording, self._extent)
 
     def __enter__(self) -> Self:
-        """Start the router, open the sessions, and listen to orders."""
         with contextlib.ExitStack() as opening:
             if self._connect is None:
                 router = opening.enter_context(Router(self._endpoint))
@@ -184,7 +183,6 @@ class ReplaySession:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the sessions, and end the router."""
         self._resources.close()
 
     def _offer(self) -> None:

@@ -137,7 +137,6 @@ class Timeline:
     """The messages of a recording in the order of writing, whether it is a file or in memory."""
 
     def __init__(self, recording: Recording) -> None:
-        """Read nothing yet."""
         self.recording = recording
         self.by_wall = recording.parameters.get("log_time") == "wall"
         """Whether log time is the wall clock, so that rounds or levels stand in messages alone."""

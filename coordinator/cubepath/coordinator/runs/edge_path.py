@@ -55,7 +55,6 @@ class PathDigest:
     """
 
     def __init__(self) -> None:
-        """Begin with the empty path."""
         self._hash = sha256()
 
     def add(self, round_number: int, executed: Iterable[Executed]) -> None:
@@ -77,7 +76,6 @@ class EdgePath:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Begin with the empty path."""
         self._system = scene.system
         self._numbers: dict[bytes, int] = {}
         self.placed: list[GeneratorPlacement] = []

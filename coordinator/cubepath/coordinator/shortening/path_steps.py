@@ -16,6 +16,7 @@ import numpy as np
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.normal_form.definitions import is_cube
+from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.shortening.normal_path import Shortened, shortened
 from cubepath.coordinator.shortening.path_input import PathInput, read_input
 from cubepath.coordinator.verification.certificate import check_certificate
@@ -29,6 +30,7 @@ from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of
 from cubepath.protocol.path_files.certificates import Certificate, read_certificate
 from cubepath.protocol.path_files.moves import CubeName
 from cubepath.protocol.path_files.numbered import Progress
+from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.listed import TabledSystem
 
@@ -43,6 +45,7 @@ class PathSteps:
     on how a plan's end differs from what its instance asks for, or None.
     """
 
+    source: Path
     scene: Scene
     step_name: Literal["move", "cube", "round", "level"]
     steps: Sequence[Sequence[Action]]
@@ -50,6 +53,7 @@ class PathSteps:
     normal_form: NormalForm
     unsolved: str | None = None
     chain: Sequence[int] | None = None
+    recording: Recording | None = None
 
 
 def read_steps(
@@ -75,7 +79,15 @@ def steps_of(found: Shortened) -> PathSteps:
     given = found.given
     scene = given.scene or _own_scene(given)
     steps = [(action,) for action in given.actions]
-    return PathSteps(scene, "move", steps, found.cube_path, found.normal_form, given.unsolved)
+    cubes, fates = found.cube_path, found.normal_form
+    return PathSteps(given.source, scene, "move", steps, cubes, fates, given.unsolved)
+
+
+def steps_gathered(source: Path, found: Gathered, *, free: bool) -> PathSteps:
+    """Return the steps of a run that was gathered: its rounds, or its levels."""
+    heap, steps = found.heap, [step.actions for step in found.steps]
+    cubes, fates = heap.cube_path(), heap.normal_form()
+    return PathSteps(source, found.scene, "level" if free else "round", steps, cubes, fates)
 
 
 def certified_steps(
@@ -101,6 +113,7 @@ def certified_steps(
     ends = np.cumsum((0, *sizes)).tolist()
     order = {move: place for place, move in enumerate(chain.from_iterable(certificate.cubes))}
     return PathSteps(
+        proof.path,
         given.scene or _own_scene(given),
         given.step_name,
         [actions[one:other] for one, other in pairwise(ends)],
@@ -135,7 +148,7 @@ def _of_cubes(
     steps = list(_checked(path, cubes, scene))
     heap = FastHeap(telling=True)
     heap.extend(action for step in steps for action in step)
-    return PathSteps(scene, "cube", steps, heap.cube_path(), heap.normal_form())
+    return PathSteps(path, scene, "cube", steps, heap.cube_path(), heap.normal_form())
 
 
 def _checked(

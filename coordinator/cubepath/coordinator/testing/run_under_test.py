@@ -137,7 +137,6 @@ class RunUnderTest(ProcessFaults):
         return self._speaks_as(name) or name
 
     def __exit__(self, kind: object, *_: object) -> None:
-        """End everything."""
         self.close(check=kind is None)
 
     def _end(self) -> None:

@@ -30,6 +30,8 @@ commute. Those share a site that one of them writes, so the versions that each m
 order. Moves with equal actions do not commute, so the n-th of one path corresponds to the n-th of
 the other. Two paths from one start are homotopic if they are equal after everything that cancels is
 removed. Time is linear in the supports, and nothing is shared with shortening.
+
+The normal form of a path is found here, too: what remains, in one more pass.
 """
 
 from collections import Counter
@@ -118,6 +120,37 @@ def remaining(path: Sequence[int], names: Numbered) -> list[int]:
         for site in reads:
             columns[site][-1][1] += -1 if undone else 1
     return [place for place, each in enumerate(left) if each]
+
+
+def cubes_of(path: Sequence[Action]) -> list[list[Action]]:
+    """Return the normal cube path of an edge path; a cube has its moves in the order of the path.
+
+    Normal is what cannot be moved further down: the level of a move is one more than the greatest
+    level of those before it that remain and do not commute with it.
+
+    >>> out, other = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
+    >>> cubes_of([out, other]) == [[out, other]], cubes_of([out, other, out]) == [[other]]
+    (True, True)
+    """
+    written: dict[Site, int] = {}
+    touched: dict[Site, int] = {}
+    cubes: list[list[Action]] = []
+    names, (numbers,) = numbered(path)
+    for place in remaining(numbers, names):
+        action = path[place]
+        below = 0
+        for site in action.trace:
+            below = max(below, touched.get(site, 0))
+        for site in action.reads:
+            below = max(below, written.get(site, 0))
+        for site in action.trace:
+            written[site] = touched[site] = below + 1
+        for site in action.reads:
+            touched[site] = max(below + 1, touched.get(site, 0))
+        if below == len(cubes):
+            cubes.append([])
+        cubes[below].append(action)
+    return cubes
 
 
 def _check_steps(

@@ -266,7 +266,6 @@ class ModuleStates:
     """Where modules stand in both runs by their own word, and whether the same sites are on."""
 
     def __init__(self, a: tuple[Site, ...], b: tuple[Site, ...]) -> None:
-        """Begin where modules stand at the start."""
         self.moved_apart: dict[int, int] = {}
         self._apart: list[DifferingRounds] = []
         self._begin: int | None = None

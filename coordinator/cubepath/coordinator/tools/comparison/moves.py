@@ -203,7 +203,6 @@ class Path:
     """The moves of a run: for each its round, mover and action, in 16 bytes."""
 
     def __init__(self, system: System) -> None:
-        """Begin without moves."""
         self._system = system
         self._numbers: dict[tuple[str, Site], int] = {}
         self._actions: list[Action] = []
