@@ -12,12 +12,16 @@ from collections.abc import Iterator, Sequence, Set as AbstractSet
 from dataclasses import replace
 from itertools import islice, zip_longest
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.shortening.path_input import PathInput, read_input, starts_to_compare
-from cubepath.coordinator.tools.comparison.results import MoveDifference, PathComparison
+from cubepath.coordinator.tools.comparison.results import (
+    MoveDifference,
+    PathComparison,
+    RunComparison,
+)
 from cubepath.coordinator.verification.choices import Moment
 from cubepath.coordinator.verification.dependencies import difference, label_of
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans
@@ -30,7 +34,7 @@ from cubepath.coordinator.verification.transcript import (
 )
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.moves import is_by_generator
@@ -335,18 +339,9 @@ def first_other(one: Sequence[Action], two: Sequence[Action]) -> int | None:
     return next((number for number, (move, other) in both if move != other), None)
 
 
-class FilesCompared(NamedTuple):
-    """What comparing the moves of two files finds."""
-
-    move: MoveDifference | None
-    paths: PathComparison
-    scene: str | None
-    notes: list[str]
-
-
 def compare_files(
-    a: Recording | Source, b: Recording | Source, system: str | None
-) -> FilesCompared:
+    a: Recording | InputFile, b: Recording | InputFile, system: str | None
+) -> RunComparison:
     """Compare the moves of two files of any kind; errors as for `read_input`."""
     notes: list[str] = []
     systems = [_system_for(each, other, system) for each, other in ((a, b), (b, a))]
@@ -372,7 +367,17 @@ def compare_files(
     identical = first is None and starts[0] == starts[1]
     paths = compare_paths(one.actions, two.actions, starts, None, identical=identical)
     end, unknown = _ends(one, two, homotopic=paths.homotopic is None)
-    return FilesCompared(move, replace(paths, end=end, end_unknown=unknown), scene, notes)
+    return RunComparison(
+        a=str(a.path),
+        b=str(b.path),
+        clock="moves",
+        same=paths.identical,
+        scene=scene,
+        compared="the moves, in their order; nothing else is in both",
+        notes=tuple(notes),
+        move=move,
+        paths=replace(paths, end=end, end_unknown=unknown),
+    )
 
 
 def _ends(one: PathInput, two: PathInput, *, homotopic: bool) -> tuple[str | None, str | None]:
@@ -400,7 +405,7 @@ def _ends(one: PathInput, two: PathInput, *, homotopic: bool) -> tuple[str | Non
 
 
 def _moves_in(
-    source: Recording | Source, system: str | Scene | None
+    source: Recording | InputFile, system: str | Scene | None
 ) -> tuple[PathInput, list[str]]:
     """Return a path, and what is odd with the recording that it is of."""
     if not isinstance(source, Recording):
@@ -413,7 +418,7 @@ def _moves_in(
 
 
 def _system_for(
-    source: Recording | Source, other: Recording | Source, system: str | None
+    source: Recording | InputFile, other: Recording | InputFile, system: str | None
 ) -> str | Scene | None:
     """Return the system whose moves a file names: the one given, or that of the other recording."""
     if isinstance(source, Recording):
@@ -423,7 +428,7 @@ def _system_for(
     return other.scene
 
 
-def _names_generators(source: Source) -> bool:
+def _names_generators(source: InputFile) -> bool:
     """Return whether the first line of a file is a move by its generator."""
     with opened(source) as file:
         return any(is_by_generator(line) for _, line in islice(file.numbered_lines(), 1))
