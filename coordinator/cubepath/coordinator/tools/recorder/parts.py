@@ -140,8 +140,6 @@ class RecordingParts:
         splitting: SplitLimits,
         notes: Callable[[], Mapping[str, str]],
         parameters: Mapping[str, str],
-        *,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Begin no file yet; `notes` is asked for the last record of each.
 
@@ -154,7 +152,6 @@ class RecordingParts:
         self._splitting = splitting
         self._notes = notes
         self._parameters = parameters
-        self._clock = clock
         self._scene: Scene | None = None
         if about.format != KEYS_FORMAT:
             self._scene = scene_from_toml(about.scene, f"run {about.run} (scene)")
@@ -189,7 +186,7 @@ class RecordingParts:
             return round_begins or writer.has(most + _OVER_BYTES)
         if splitting.seconds is None:
             return False
-        over = self._clock() - self._until
+        over = time.monotonic() - self._until
         return over >= 0 and (round_begins or over >= _OVER_S)
 
     def _begin(self, begins: int) -> RecordingWriter:
@@ -208,7 +205,7 @@ class RecordingParts:
             written_as=self._about.format,
         )
         self.paths.append(path)
-        self._until = self._clock() + (self._splitting.seconds or 0.0)
+        self._until = time.monotonic() + (self._splitting.seconds or 0.0)
         return writer
 
     def _end(self, writer: RecordingWriter) -> None:
