@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.shortening.explain import certified_path
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.verification.certificate import check_certificate
