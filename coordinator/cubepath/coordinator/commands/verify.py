@@ -14,6 +14,7 @@ from cubepath.coordinator.commands.recordings import (
     LOGS_HELP,
     Progress,
     RecordingAnswer,
+    add_rule_files,
     answer_each,
     check_lines,
     check_used,
@@ -32,13 +33,7 @@ def add_verify(verify: argparse.ArgumentParser) -> None:
     """Add the options of ``verify``."""
     verify.set_defaults(command=_verify)
     verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=LOGS_HELP)
-    verify.add_argument(
-        "--rule",
-        action="append",
-        default=[],
-        metavar="FILE.py:NAME",
-        help="ask the rule in this file again where a recording names a file of that name",
-    )
+    add_rule_files(verify, "a recording")
     verify.add_argument(
         "--require",
         action="append",

@@ -22,7 +22,7 @@ from cubepath.coordinator.testing.log import RunLog, What, pattern_of
 from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.coordinator.testing.strategies import TrialResult, trial_of
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import function, known_name
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.free_messages import free_key
@@ -192,13 +192,14 @@ class Listener:
         """
         check_command(command)
         self._resources = ExitStack()
-        self._command: Command | None = None
+        self.command: Command
+        """The command."""
 
         def announce(endpoint: str, run: str) -> None:
             link = self._resources.enter_context(LinkProxy("listener", endpoint))
 
             found = Command(command, env=env, timeout_s=timeout_s, endpoint=link.endpoint, run=run)
-            self._command = self._resources.enter_context(found)
+            self.command = self._resources.enter_context(found)
             listens = f"cubepath/{run}/**"
             found.until(lambda: link.listens(listens), "listens to the run")
 
@@ -213,13 +214,6 @@ class Listener:
         except BaseException:
             self.close()
             raise
-
-    @property
-    def command(self) -> Command:
-        """Return the command."""
-        if self._command is None:
-            raise CheckError("the command has not been started")
-        return self._command
 
     def close(self) -> None:
         """End the command."""

@@ -5,7 +5,6 @@ Part of `cubepath verify`: it uses neither keepers nor the gatherer nor the heap
 
 from collections import Counter
 from collections.abc import Callable
-from functools import partial
 from hashlib import sha256
 
 import numpy as np
@@ -265,14 +264,13 @@ def _check_schedule(
         if (site := move.at) is not None
     ]
     check_dependencies(
-        actions, [], [[each] for each in path.actions], partial(_in_order, fail), whole=True
+        actions,
+        [],
+        [[each] for each in path.actions],
+        lambda _, why: fail("schedule", f"in another order than that of the schedule: {why}"),
+        whole=True,
     )
     return True
-
-
-def _in_order(fail: Fail, check: str, why: str) -> None:
-    del check
-    fail("schedule", f"in another order than that of the schedule: {why}")
 
 
 def _check_ended(

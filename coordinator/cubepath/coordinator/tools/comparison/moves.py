@@ -7,7 +7,6 @@ rounds, up to swapping, and up to cancelling.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Iterator, Sequence, Set as AbstractSet
 from dataclasses import replace
 from itertools import islice, zip_longest
@@ -204,14 +203,14 @@ def action_text(generator: str, at: Any) -> str:
 
 
 class Path:
-    """The moves of a run: for each its round, mover and action, in 16 bytes."""
+    """The moves of a run: for each its action, and its round and mover."""
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._numbers: dict[tuple[str, Site], int] = {}
-        self._actions: list[Action] = []
-        self._moves = array("i")
-        self._places = array("q")
+        self._known: dict[tuple[str, Site], Action] = {}
+        self.actions: list[Action] = []
+        """The actions in order."""
+        self._places: list[tuple[int, int]] = []
         self.wrong: str | None = None
         """Why the path is not known, if a move is none of the system."""
 
@@ -223,22 +222,16 @@ class Path:
     def move(self, number: int, module: int, generator: str, at: Site) -> None:
         """Add a move."""
         place: Any = at  # what is none is none of the system
-        known = self._numbers.get((generator, place))
+        known = self._known.get((generator, place))
         if known is None:
             try:
                 action = self._system.action(generator, place)
             except (InputError, TypeError, ValueError, IndexError) as error:
                 self.wrong = self.wrong or f"round {number}, module_{module}: {error}"
                 return
-            known = self._numbers[generator, place] = len(self._actions)
-            self._actions.append(named(action, generator, place))
-        self._moves.append(known)
-        self._places.extend((number, module))
-
-    @property
-    def actions(self) -> list[Action]:
-        """The actions in order."""
-        return [self._actions[number] for number in self._moves]
+            known = self._known[generator, place] = named(action, generator, place)
+        self.actions.append(known)
+        self._places.append((number, module))
 
     def identical(self, other: Path) -> bool:
         """Return whether both have equal moves, by the same modules in the same rounds."""
