@@ -14,8 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan, parameters_of, task_of
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.simulation.faults import ListedFaults
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import simulate

@@ -111,7 +111,6 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     ),
     f"{_VERIFICATION}/certificate.py": (
         "tests/coordinator/verification/test_certificate.py",
-        "tests/coordinator/verification/test_array_proof.py",
         "tests/coordinator/shortening/test_explain.py",
         *_RECORDED,
     ),

@@ -8,7 +8,7 @@ import pytest
 
 from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.playback.player import replay
-from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.recovery import recover
 from cubepath.protocol.recordings.recording import Recording, read_recording

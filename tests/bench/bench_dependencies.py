@@ -2,9 +2,9 @@
 
 With cubepath installed: ``python tests/bench/bench_dependencies.py [--quick]``.
 
-Times are processor times of one thread; the compiled code is loaded before. The floor is one pass
-over the same supports that touches each site once in a dict. The path of moves has rounds of one
-move each, and its cubes are its normal form. Nothing is asserted but that the check holds.
+Times are processor times of one thread. The floor is one pass over the same supports that touches
+each site once in a dict. The path of moves has rounds of one move each, and its cubes are its
+normal form. Nothing is asserted but that the check holds.
 """
 
 import argparse
@@ -15,7 +15,6 @@ from bench_shorten import exponent, floor, random_walk, seconds
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.verification.dependencies import check_dependencies
-from cubepath.protocol.compiled import allowance
 from cubepath.protocol.core.actions import Action
 
 SIZES = (10_000, 100_000, 1_000_000)
@@ -58,8 +57,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="small sizes")
     quick = parser.parse_args().quick
-    allowance.left = 0
-    check([], [])  # loads what is compiled
     print(
         f"{'path':<26}{'moves':>9}{'left':>9}"
         f"{'floor s':>9}{'check s':>9}{'x floor':>8}{'growth':>8}"

@@ -16,8 +16,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.free_messages import Commit, decode_free
 

@@ -13,9 +13,8 @@ time over log moves against the row before; linear is 1. *cells* names a site as
 site. *made* is how many actions were built as objects. Nothing is asserted.
 
 The second table has what else is done with a path that was read: its certificate built and checked
-(*certify*, as `shorten --certificate` does), checked once more (*check*, as `verify --of`; the peer
-is the reference over actions, which are built for it beforehand), bounds, cubes and moves as
-`.npz`, that read again (*load*), and moves as lines.
+(*certify*, as `shorten --certificate` does), checked once more (*check*, as `verify --of`), bounds,
+cubes and moves as `.npz`, that read again (*load*), and moves as lines.
 """
 
 import argparse
@@ -34,7 +33,7 @@ from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.coordinator.theory.optimality.optimality_report import beyond
 from cubepath.coordinator.theory.optimality.tasks import task_of
-from cubepath.coordinator.verification.certificate import check_certificate, check_numbered
+from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.path_files.moves import read_moves, write_cubes
 from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz
@@ -95,7 +94,7 @@ def uses(file: Path, moves: int, before: tuple[int, float] | None) -> tuple[int,
     proof = certified_path(found)
     jobs: list[Callable[[], object]] = [
         partial(certified_path, found),
-        partial(check_numbered, proof, path, start),
+        partial(check_certificate, proof, found.given.actions, start),
         lambda: beyond(task_of(found), found),
         partial(write_cubes_npz, file.with_suffix(".cubes.npz"), path, found.left),
         partial(write_moves_npz, binary, path),
@@ -104,14 +103,9 @@ def uses(file: Path, moves: int, before: tuple[int, float] | None) -> tuple[int,
     ]
     took = [seconds(job, 3) for job in jobs]
     made = table.made if isinstance(table, TabledActions) else len(table)
-    peer = None
-    if moves <= _PEER_MAX:
-        plain = list(path.each_action)
-        peer = seconds(partial(check_certificate, proof, plain, start), 1)
     now = moves, took[0]
     print(
         f"{moves:>14}  {'  '.join(f'{each:7.2f}' for each in took)}"
-        f"  {'-' if peer is None else f'{peer / took[1]:.1f}':>6}"
         f"  {exponent(now, before):>6}  {made:>5}"
     )
     return now
@@ -138,7 +132,7 @@ def main() -> None:
                 before = row(kind, file, moves, before)
         print(
             "\n         moves  certify    check   bounds  cub.npz     .npz     load    lines"
-            "  peer x  growth   made"
+            "  growth   made"
         )
         before = None
         for (moves, _), (starts, rounds) in zip(sizes, fleets, strict=True):

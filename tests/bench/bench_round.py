@@ -120,9 +120,13 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
             kept.append((message, data))
 
         with LockstepFleet(
-            scene, "random", processes=processes, sink=sink, plausible=conductor.check
+            scene,
+            "random",
+            processes=processes,
+            sink=sink,
+            plausible=conductor.gatherer.plausibility.check,
         ) as fleet:
-            conductor.know(fleet.modules_of, 0)
+            conductor.gatherer.plausibility.know(fleet.modules_of, 0)
             pids = [os.getpid(), *fleet.pids.values()]
             times, walls = [], []
             fleet.play_round()  # whatever is done once is done

@@ -11,7 +11,7 @@ from cubepath.agents.environments.rollouts import play
 from cubepath.coordinator.experiments.sweeping import sweep
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.progress import StageProgress, each_of, progress_bar
-from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.complexes.exploration import explore
 from cubepath.coordinator.theory.optimality.optimality_report import beyond

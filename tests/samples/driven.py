@@ -62,8 +62,10 @@ class Driven:
             for process, modules in enumerate(modules_of)
         ]
         self.conductor = Conductor(self.scene, max_rounds=1000, record=lambda _: None)
-        self.conductor.know(modules_of, seed)
-        self.pacer = Pacer(RUN, modules_of, judge=judge, check=self.conductor.check)
+        self.conductor.gatherer.plausibility.know(modules_of, seed)
+        self.pacer = Pacer(
+            RUN, modules_of, judge=judge, check=self.conductor.gatherer.plausibility.check
+        )
         self.put: list[tuple[str, bytes]] = []
         """The last messages that were put."""
         self.names: list[str] = [f"process_{process}" for process in range(len(modules_of))]

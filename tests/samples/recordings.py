@@ -11,8 +11,8 @@ from typing import Any
 
 from msgspec.structs import replace as with_fields
 
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.keys import topic_of

@@ -15,8 +15,8 @@ from msgspec.structs import replace
 from cubepath.agents.local.observation import View
 from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, as_choice
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from samples.recordings import edited, first, new_path, parts, recorded
 from tampering.tamperings import crowd, tampers

@@ -14,10 +14,10 @@ from cubepath.coordinator.runs.contents import info as info
 from cubepath.coordinator.runs.continuing import what_if as what_if
 from cubepath.coordinator.runs.drawing import Sheet as Sheet, run_picture as run_picture
 from cubepath.coordinator.runs.gathering import gathered as gathered
-from cubepath.coordinator.runs.launch import run as run, start as start
 from cubepath.coordinator.runs.live import LiveReplay as LiveReplay, replay_live as replay_live
 from cubepath.coordinator.runs.outcome import Outcome as Outcome
 from cubepath.coordinator.runs.plan import Plan as Plan
+from cubepath.coordinator.runs.run import run as run, start as start
 from cubepath.coordinator.shortening.conversion import convert as convert
 from cubepath.coordinator.shortening.normal_path import Shortened as Shortened, shorten as shorten
 from cubepath.coordinator.shortening.path_input import PathInput as PathInput

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cubepath.agents.processes.child_processes import ChildProcesses
-from cubepath.coordinator.runs.launch import start
+from cubepath.coordinator.runs.run import start
 from cubepath.protocol.wire.messages import Go
 from processes.elsewhere import soon
 from processes.living import is_there

@@ -6,7 +6,7 @@ from typing import Literal
 
 import pytest
 
-from cubepath.coordinator.runs.launch import start
+from cubepath.coordinator.runs.run import start
 
 FLEET_MAX = 2 * 1024 * 1024
 """Kilobytes that 64 processes may take."""

@@ -12,8 +12,8 @@ from cubepath.agents.rules.registry import BUILT_IN
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule
 from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.verification.findings import Check, Verification
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.catalogue import GeneratorPlacement

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from counted_lines import lines_of
 from cubepath.coordinator.normal_form.certificate import certificate_of, link
+from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.verification import proof as checker
 from cubepath.coordinator.verification.proof import check_proof
@@ -24,8 +25,11 @@ from cubepath.protocol.path_files.certificates import (
     read_certificate,
     write_certificate,
 )
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.path_files.numbered import number_moves
 from cubepath.protocol.wire.messages import Certified, encode
 from oracles.obvious import obvious_normal_form
+from oracles.plain_steps import COMPILED, PLAIN, plain_steps
 from samples.strategies import (
     SCENES,
     Word,
@@ -162,6 +166,23 @@ def test_the_one_that_is_tampered_with_is_good() -> None:
     """What the tamperings start from is a certificate, and the one that is built."""
     assert not refused(PATH, GOOD)
     assert certificate_of(PATH) == GOOD
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", [PLAIN, COMPILED])
+@settings(max_examples=40)
+@given(data=st.data())
+def test_a_path_in_numbers_has_the_certificate_of_its_actions(
+    steps: int, data: st.DataObject
+) -> None:
+    """Of every system, with the end or without."""
+    spec = data.draw(st.sampled_from(SCENES))
+    path = data.draw(walks_with_detours(spec, data.draw(walks(spec, max_size=12))))
+    start = data.draw(st.sampled_from([scene(spec).start_state, None]))
+    known = number_moves(PathMove(action, move) for move, action in enumerate(path))
+    with plain_steps(steps):
+        found = certificate_of(known, found=cancellations(path), start=start)
+    assert found == certificate_of(path, start=start)
 
 
 @pytest.mark.parametrize("name", WRONG)

@@ -14,8 +14,8 @@ import pytest
 from cubepath.agents.free.joining import Joining, join
 from cubepath.agents.processes.membership import GONE_S, alive_key
 from cubepath.coordinator.runs.contents import info, render
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.tools.comparison.run_comparison import diff
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError

@@ -20,10 +20,10 @@ from cubepath.coordinator.auditing.rule_audit import audit
 from cubepath.coordinator.runs import free_driver
 from cubepath.coordinator.runs.collector import Collector
 from cubepath.coordinator.runs.free_driver import FreeDriver
-from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.resuming import keeper_logs
+from cubepath.coordinator.runs.run import run, start
 from cubepath.coordinator.testing.fixtures import RunFixture
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene

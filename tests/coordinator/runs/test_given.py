@@ -9,7 +9,7 @@ import pytest
 from cubepath.agents.environments.rollouts import play, play_free, play_many
 from cubepath.agents.rules.rule import Choice, RuleType
 from cubepath.coordinator.runs.asking import ask
-from cubepath.coordinator.runs.launch import run, start
+from cubepath.coordinator.runs.run import run, start
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.core.errors import CheckError, InputError, RuleError
 from cubepath.protocol.recordings.recording import read_recording

@@ -24,8 +24,8 @@ from cubepath.agents.environments.rollouts import play
 from cubepath.agents.processes.fleet import LockstepFleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene

@@ -9,10 +9,9 @@ from typing import Any, Literal
 
 import pytest
 
-from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
-from cubepath.coordinator.runs.run import Run
+from cubepath.coordinator.runs.run import Run, run, start
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import read_recording

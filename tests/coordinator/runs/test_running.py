@@ -11,10 +11,9 @@ import pytest
 import zenoh
 
 from cubepath.coordinator.runs.asking import ask
-from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.listeners import Tap, TappedMessage
 from cubepath.coordinator.runs.plan import Plan, PlanOptions
-from cubepath.coordinator.runs.run import Run
+from cubepath.coordinator.runs.run import Run, run, start
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.recordings.recording import read_recording

@@ -15,8 +15,8 @@ from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.runs.schedule import Assignment
 from cubepath.coordinator.runs.schedule_reading import assignment_of, read_schedule
 from cubepath.coordinator.verification.recording import verify

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.wire.authority import make_certificates
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials

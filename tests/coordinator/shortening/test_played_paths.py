@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from cubepath.agents.environments.rollouts import play, play_free, play_many
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -8,8 +8,8 @@ import pytest
 
 from cubepath.agents.processes.config import ProcessConfig
 from cubepath.agents.processes.node import HostNode
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.simulation.faults import ENDING, KINDS, SECOND_US, Fault, ListedFaults
 from cubepath.coordinator.simulation.network import Trace
 from cubepath.coordinator.simulation.scenarios import Scenario, ScenarioOptions

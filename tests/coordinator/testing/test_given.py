@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.testing.commands import Command, Joiners
-from cubepath.coordinator.testing.fixtures import RecordingFolder, ReplayFixture
+from cubepath.coordinator.testing.fixtures import Listener, RecordingFolder, ReplayFixture
 from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.testing.process_faults import PlannedFault
-from cubepath.coordinator.testing.replaying import Listener
 from cubepath.coordinator.testing.rules import Pattern, Rule
 from cubepath.coordinator.testing.strategies import faults, trial_of
 from cubepath.protocol.core.errors import InputError

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.testing.fixtures import RunFixture
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.run_under_test import RunUnderTest

@@ -14,8 +14,8 @@ import pytest
 from cubepath.agents.environments.rollouts import play, play_free
 from cubepath.coordinator.experiments.report import write_report
 from cubepath.coordinator.experiments.sweeping import SweepResults, sweep
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.outcome import Outcome
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.testing.log import RunLog
 from cubepath.coordinator.theory.complexes.exploration import explore

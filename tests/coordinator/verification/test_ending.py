@@ -5,8 +5,8 @@ from dataclasses import replace as with_fields
 
 import pytest
 
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording

@@ -4,8 +4,7 @@ from itertools import chain
 
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.verification.dependencies import numbered, remaining
-from cubepath.coordinator.verification.normal_form import cubes_of
+from cubepath.coordinator.verification.dependencies import cubes_of, numbered, remaining
 from cubepath.protocol.core.actions import Action
 from oracles.obvious import obvious_normal_form
 from samples.strategies import Word, crowded_words, words
@@ -14,8 +13,7 @@ from samples.strategies import Word, crowded_words, words
 def left_of(path: Word) -> Word:
     """Return the moves that are left when all that cancels is taken out."""
     names, (numbers,) = numbered(path)
-    kept = remaining(numbers, names).tolist()
-    return [action for action, stays in zip(path, kept, strict=True) if stays]
+    return [path[place] for place in remaining(numbers, names)]
 
 
 @given(st.one_of(words(), crowded_words()))

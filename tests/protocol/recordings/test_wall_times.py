@@ -10,8 +10,8 @@ from hypothesis import given, strategies as st
 from mcap.reader import NonSeekingReader
 
 from cubepath.coordinator.playback.player import replay
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import Recording, read_recording

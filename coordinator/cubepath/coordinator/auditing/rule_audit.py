@@ -18,10 +18,9 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import TypeAlias
 
-from cubepath.agents.local.random_streams import HESITATE, RULE, stream
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import permitted_rule, rule_named, rules, stands_for
-from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleName, RuleType
+from cubepath.agents.rules.rule import Choice, RuleName, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.findings import Progress, Verification
@@ -500,18 +499,17 @@ class FreeRuleAudit:
         return bool(self._scene.system.reach(self._scene.system.place_of(seen.site)))
 
     def _born(self, rule: RuleType, seen: TurnView) -> Actor | None:
-        module, seed = seen.turn.module, self._seed or 0
-        knowledge = InitialKnowledge(
-            system=self._scene.system,
-            module=module,
-            modules=len(self._scene.start),
-            start=seen.entered,
-            goals=self._scene.goals[module] if self._scene.goals else (),
-            stream=stream(seed, module, RULE),
-        )
-        doubt = stream(seed, module, HESITATE) if self._hesitate else None
+        module = seen.turn.module
         try:
-            return Actor(rule, knowledge, hesitate=self._hesitate or 0.0, doubt=doubt, clock="free")
+            return actors_for(
+                self._scene,
+                rule,
+                seed=self._seed or 0,
+                hesitate=self._hesitate or 0.0,
+                modules=[module],
+                sites={module: seen.entered},
+                clock="free",
+            )[module]
         except CubepathError as error:
             self._wrong = self._wrong or str(error)
             return None

@@ -45,7 +45,6 @@ class Interrupts:
     """
 
     def __init__(self) -> None:
-        """Begin without a signal."""
         self.came = False
         self._before: dict[int, Any] = {}
         self._sending = threading.Lock()
@@ -229,7 +228,6 @@ class Lines:
         unit: str,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin at zero."""
         self.n = 0
         self.total = total
         self.disable = False

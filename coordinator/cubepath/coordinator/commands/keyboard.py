@@ -125,7 +125,6 @@ class Keys:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the terminal as it was."""
         for number, handler in self._before.items():
             signal.signal(number, handler)
         self._give_back()

@@ -46,13 +46,7 @@ def add_log_recover(parser: argparse.ArgumentParser) -> None:
         parser, "OUT", "the new recording; exit code 2 only if nothing can be read", required=True
     )
     parser.add_argument("--system", metavar="SYSTEM", help="the system of the run, if it is lost")
-    parser.add_argument(
-        "--rule",
-        action="append",
-        default=[],
-        metavar="FILE.py:NAME",
-        help="ask the rule in this file again where the recording names a file of that name",
-    )
+    recordings.add_rule_files(parser, "the recording")
 
 
 def _recover(options: argparse.Namespace) -> int:

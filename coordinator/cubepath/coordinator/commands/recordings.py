@@ -24,6 +24,17 @@ Progress: TypeAlias = "Callable[[int], object] | None"
 LOGS_HELP = "a recording, or a folder for the .mcap files in it; - is standard input"
 
 
+def add_rule_files(parser: argparse.ArgumentParser, where: str) -> None:
+    """Add ``--rule``, the files of rules that are asked again."""
+    parser.add_argument(
+        "--rule",
+        action="append",
+        default=[],
+        metavar="FILE.py:NAME",
+        help=f"ask the rule in this file again where {where} names a file of that name",
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class RecordingAnswer:
     """The result for one recording: its answer, the complaints, and the exit code."""

@@ -23,7 +23,6 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, **keywords: Any) -> None:
-        """Make a parser with the arguments of argparse."""
         super().__init__(**keywords, allow_abbrev=False)
 
     # The declared type is a set of overloads, which add nothing here.

@@ -14,6 +14,7 @@ from cubepath.coordinator.commands.recordings import (
     LOGS_HELP,
     Progress,
     RecordingAnswer,
+    add_rule_files,
     answer_each,
     check_lines,
     check_used,
@@ -32,13 +33,7 @@ def add_verify(verify: argparse.ArgumentParser) -> None:
     """Add the options of ``verify``."""
     verify.set_defaults(command=_verify)
     verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=LOGS_HELP)
-    verify.add_argument(
-        "--rule",
-        action="append",
-        default=[],
-        metavar="FILE.py:NAME",
-        help="ask the rule in this file again where a recording names a file of that name",
-    )
+    add_rule_files(verify, "a recording")
     verify.add_argument(
         "--require",
         action="append",
@@ -145,7 +140,7 @@ def _verify_certificate(
     options: argparse.Namespace, file: InputFile, source: Path, cubes_file: Path | None
 ) -> int:
     from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
-    from cubepath.coordinator.verification.certificate import check_numbered, compare_cubes  # noqa: PLC0415
+    from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes  # noqa: PLC0415
     from cubepath.protocol.path_files.certificates import companion, read_certificate  # noqa: PLC0415
 
     proof: Source = file
@@ -161,7 +156,7 @@ def _verify_certificate(
     with progress_bar(None, "verify", " moves") as bar:
         certificate = read_certificate(proof)
         path = read_input(options.of, options.system, hints(options), bar.update)
-        found = check_numbered(certificate, path.numbered, path.start)
+        found = check_certificate(certificate, path.actions, path.start)
         if cubes is not None:
             read = _cubes(cubes)
             if found["form"] is None:

@@ -12,7 +12,6 @@ from cubepath.coordinator.experiments.batch_runs import searched_again, searchin
 from cubepath.coordinator.experiments.folder import SweepFolder, read_rounds, read_runs, table_of
 from cubepath.coordinator.experiments.rows import (
     FAILURES,
-    ROUND_COLUMNS,
     RUN_COLUMNS,
     FinishedRun,
     Row,
@@ -61,10 +60,6 @@ class SweepResults(Displayed):
     def table(self) -> Any:
         """Return the runs as a `pyarrow.Table`; InputError if pyarrow is not installed."""
         return table_of(self.rows, RUN_COLUMNS)
-
-    def rounds_table(self) -> Any:
-        """Return the rounds as a `pyarrow.Table`; InputError as for `table`."""
-        return table_of(self.rounds, ROUND_COLUMNS)
 
 
 def sweep(

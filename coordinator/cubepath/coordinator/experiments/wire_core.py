@@ -27,9 +27,9 @@ from cubepath.coordinator.experiments.setting import FaultRates, RunSetting, thi
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.simulation.faults import SECOND_US, Fault
 from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, free_simulate
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario

@@ -83,7 +83,6 @@ class Player:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop, and leave nothing behind."""
         self.close()
 
     def close(self) -> None:

@@ -57,22 +57,22 @@ class ReplayResult:
     log: str
     run: str
     endpoint: str
-    rounds: int
-    moves: int
-    reduced_moves: int
-    cubes: int
-    max_cube_dimension: int
-    path_digest: str
-    same: bool
-    compared: bool
-    """Whether the recording has a result, or says why it has none: it is damaged, was recovered, or
-    is a part of another."""
     complete: bool
     """Whether the recording has a result and all messages, and can all be read. What there is of a
     run that was cut off can be the same without."""
-    differences: tuple[str, ...]
     messages: int
     seconds: float
+    rounds: int = 0
+    moves: int = 0
+    reduced_moves: int = 0
+    cubes: int = 0
+    max_cube_dimension: int = 0
+    path_digest: str = ""
+    same: bool = False
+    compared: bool = False
+    """Whether the recording has a result, or says why it has none: it is damaged, was recovered, or
+    is a part of another."""
+    differences: tuple[str, ...] = ()
     not_compared: tuple[str, ...] = ()
     """What of the recording was not compared, and why; empty if all was."""
     rounds_compared: int = 0
@@ -159,7 +159,6 @@ class Comparison:
     """
 
     def __init__(self, recording: Recording, gathered: Gathered, extent: MissingRounds) -> None:
-        """Compare everything."""
         self._recording = recording
         self._gatherer = gathered
         self._extent = extent
@@ -258,17 +257,7 @@ class Comparison:
                     yield f"the certificate does not prove what was gathered: {check}: {why}"
 
     def _other_numbers(self, summary: Summary) -> Iterator[str]:
-        gatherer = self._gatherer
-        found = {
-            "rounds": gatherer.rounds,
-            "moves": gatherer.heap.moves,
-            "reduced_moves": gatherer.heap.reduced_moves,
-            "cubes": gatherer.heap.cubes,
-            "max_cube_dimension": gatherer.heap.max_cube_dimension,
-            "goal_reached": gatherer.reached,
-            "path_digest": gatherer.digest,
-        }
-        for key, value in found.items():
+        for key, value in self._gatherer.figures.items():
             if getattr(summary, key) != value:
                 yield f"{key} is {value}, on record is {getattr(summary, key)}"
 

@@ -162,7 +162,6 @@ class ReplaySession:
         self._segments = SegmentComparison(self.recording, self._extent)
 
     def __enter__(self) -> Self:
-        """Start the router, open the sessions, and listen to orders."""
         with contextlib.ExitStack() as opening:
             if self._connect is None:
                 router = opening.enter_context(Router(self._endpoint))
@@ -184,7 +183,6 @@ class ReplaySession:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the sessions, and end the router."""
         self._resources.close()
 
     def _offer(self) -> None:
@@ -444,19 +442,14 @@ class ReplaySession:
             differences, rounds = segments.compared(), segments.rounds
             last = self.reel.step_at(self.reel.end)
             not_compared = replay_comparison.not_compared_of(self.recording, rounds, last)
-        gathered = segments.gathered
-        heap = gathered.heap
+        figures = segments.gathered.figures
+        del figures["goal_reached"]
         has_end = any(self.recording.of_kind("summary"))
         return replay_comparison.ReplayResult(
             log=str(self.recording.path),
             run=self.run,
             endpoint=self.endpoint,
-            rounds=gathered.rounds,
-            moves=heap.moves,
-            reduced_moves=heap.reduced_moves,
-            cubes=heap.cubes,
-            max_cube_dimension=heap.max_cube_dimension,
-            path_digest=gathered.digest,
+            **figures,
             same=whole and not differences and not not_compared,
             compared=has_end or extent.cut_off,
             complete=has_end and not self.recording.problems and extent.lacking is None,

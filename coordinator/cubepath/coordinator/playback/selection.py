@@ -231,7 +231,6 @@ class RecordedStates:
     """The states of one recording."""
 
     def __init__(self, reel: Timeline) -> None:
-        """Read nothing yet."""
         self._reel = reel
         self._scene = reel.recording.scene
         start = tuple((site, 0) for site in self._scene.start)

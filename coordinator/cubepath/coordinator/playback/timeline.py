@@ -59,10 +59,8 @@ class TimelinePosition:
         return other.seconds is not None and self.seconds > other.seconds
 
 
-def read_spot(text: str | int | TimelinePosition, name: str = "to") -> TimelinePosition:
+def read_spot(text: str | int, name: str = "to") -> TimelinePosition:
     """Return the place that is written as "12" or "3.5s"; InputError if it is none."""
-    if isinstance(text, TimelinePosition):
-        return text
     written = str(text)
     if _WHOLE.fullmatch(written) and not isinstance(text, bool):
         return TimelinePosition(step=int(written))
@@ -94,20 +92,17 @@ class PlaybackRate:
         return PlaybackRate(max(self.rate * factor, RATE_MIN), self.by)
 
 
-def read_pace(text: str | float | PlaybackRate, *, by_wall: bool = False) -> PlaybackRate:
+def read_pace(text: str, *, by_wall: bool = False) -> PlaybackRate:
     """Return the pace that is written as "10", "2x" or "max"; InputError if it is none.
 
     Where log time is the wall clock (`by_wall`), there are no rounds to count, and "2" is "2x".
     """
-    if isinstance(text, PlaybackRate):
-        return text
-    written = str(text)
-    if written == "max":
+    if text == "max":
         return PlaybackRate()
-    found = _RATE.fullmatch(written)
+    found = _RATE.fullmatch(text)
     rate = float(found[1]) if found else math.nan
     if found is None or not RATE_MIN <= rate < math.inf:
-        raise InputError(f"rate={written}: {_EXPECTED_RATE}")
+        raise InputError(f"rate={text}: {_EXPECTED_RATE}")
     return PlaybackRate(rate, "clock" if found[2] or by_wall else "step")
 
 
@@ -137,7 +132,6 @@ class Timeline:
     """The messages of a recording in the order of writing, whether it is a file or in memory."""
 
     def __init__(self, recording: Recording) -> None:
-        """Read nothing yet."""
         self.recording = recording
         self.by_wall = recording.parameters.get("log_time") == "wall"
         """Whether log time is the wall clock, so that rounds or levels stand in messages alone."""

@@ -78,7 +78,6 @@ class SequenceTracker:
     """The messages received from each sender in its last incarnation."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         self._incarnations: dict[str, _Incarnation] = {}
 
     def take(self, message: FreeMessage) -> bool:

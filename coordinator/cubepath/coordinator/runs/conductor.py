@@ -4,7 +4,7 @@ It is pure, like the nodes: messages come in, and messages for the recording com
 zenoh and a simulated one use the same conductor.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -54,19 +54,6 @@ class Conductor:
         self._repair = repair
         self._recorded_rounds = recorded_rounds
         self._execution = None if assignment is None else ScheduleExecution(assignment)
-
-    def know(
-        self,
-        modules_of: Sequence[Sequence[int]],
-        seed: int,
-        later_seeds: Sequence[tuple[int, int]] = (),
-    ) -> None:
-        """Know the modules of each process and the seeds of the run, by which it can `check`."""
-        self.gatherer.plausibility.know(modules_of, seed, later_seeds)
-
-    def check(self, message: wire.Message) -> None:
-        """Check that what modules say or report can be, given where they stand; or RefusedError."""
-        self.gatherer.plausibility.check(message)
 
     def hear(self, message: wire.Message) -> None:
         """Take a message that belongs on record; CheckError if reports contradict each other."""
@@ -158,22 +145,15 @@ def results_of(
 
     All is found before the first is yielded, so that none waits for another that takes long.
     """
-    rounds = gatherer.rounds
-    heap = gatherer.heap
+    rounds, found = gatherer.rounds, gatherer.heap.normal_form()
     proof = certificate_of(
-        gatherer.numbered, start=gatherer.scene.start_state, found=heap.normal_form(), as_text=True
+        gatherer.numbered, start=gatherer.scene.start_state, found=found, as_text=True
     )
     summary = wire.Summary(
         round=rounds,
         ended=ending.ended,
         error=ending.error,
-        rounds=rounds,
-        moves=heap.moves,
-        reduced_moves=heap.reduced_moves,
-        cubes=heap.cubes,
-        max_cube_dimension=heap.max_cube_dimension,
-        goal_reached=gatherer.reached,
-        path_digest=gatherer.digest,
+        **gatherer.figures,
         schedule_cubes=schedule_cubes,
         schedule_stopped=schedule_stopped,
         refused=refused,

@@ -34,6 +34,7 @@ from cubepath.protocol.core.system import Scene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
 What: TypeAlias = Literal["run", "schedule"]
@@ -141,8 +142,6 @@ def scene_picture(scene: Scene, path: Path | str, *, sheet: Sheet = _PLAIN) -> N
     >>> Path("scene.svg").read_text().count("<svg")
     1
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415 - only when something is drawn
-
     check_suffix(path, PICTURE_SUFFIXES)
     _check_letters(sheet)
     theme = DARK if sheet.dark else LIGHT
@@ -161,7 +160,7 @@ def scene_picture(scene: Scene, path: Path | str, *, sheet: Sheet = _PLAIN) -> N
     legend_top = _TITLE + _CAPTION + tall + _GAP
     caption_top = legend_top + legend.height + 0.2
     high = caption_top + (_LINE * len(caption) + 0.2 if caption else 0)
-    page = _Page(Figure(facecolor=theme.of(PAPER)), width, high, theme)
+    page = Page(width, high, theme)
     page.write(_heading(scene, sheet), _EDGE, 0.2, fontsize=12.5, fontweight="bold")
     count = counted(len(scene.start), "module")
     page.write(count + ("" if scene.goal else ", no goal"), _EDGE, 0.47, fontsize=10)
@@ -238,8 +237,6 @@ def _figure(
     what: What = "run",
     sheet: Sheet = _PLAIN,
 ) -> Figure:
-    from matplotlib.figure import Figure  # noqa: PLC0415 - only when something is drawn
-
     theme = DARK if sheet.dark else LIGHT
     states, state_name = (run, step_name) if what == "run" else (shortest, "cube")
     shown = _shown(sheet, len(states), state_name)
@@ -257,7 +254,7 @@ def _figure(
     chart_top = legend_top + (legend.height + 0.4 if sheet.parts != "schedule" else 0.2)
     caption_top = chart_top + lanes + 0.55 if lanes else legend_top + legend.height + 0.2
     high = caption_top + (_LINE * len(caption) + 0.2 if caption else 0)
-    page = _Page(Figure(facecolor=theme.of(PAPER)), width, high, theme)
+    page = Page(width, high, theme)
     page.write(_heading(scene, sheet), _EDGE, 0.2, fontsize=12.5, fontweight="bold")
     framed = "" if boxes[0] == box else ";  each state is framed around its modules"
     page.write(counts + framed, _EDGE, 0.47, fontsize=10)
@@ -381,26 +378,31 @@ def _best_panels(page: float, box: Box, count: int, rows: Iterable[int]) -> _Pan
     return next(read, largest)
 
 
-class _Page:
+class Page:
     """A figure whose parts are placed in inches from its upper left corner."""
 
-    def __init__(self, figure: Figure, wide: float, high: float, theme: Theme) -> None:
-        figure.set_size_inches(wide, high)
+    def __init__(self, wide: float, high: float, theme: Theme, dots: int = 100) -> None:
+        """Make it of this size, with so many dots to the inch on a screen."""
+        from matplotlib.figure import Figure  # noqa: PLC0415 - only when something is drawn
+
+        figure = Figure(figsize=(wide, high), dpi=dots, facecolor=theme.of(PAPER))
         self._ink = theme.of(INK)
         self.figure = figure
         self.wide = wide
         self.high = high
 
     def axes(self, left: float, top: float, wide: float, tall: float) -> Axes:
+        """Return new axes."""
         bottom = self.high - top - tall
         return self.figure.add_axes(
             (left / self.wide, bottom / self.high, wide / self.wide, tall / self.high)
         )
 
-    def write(self, text: str, left: float, top: float, **style: Any) -> None:
+    def write(self, text: str, left: float, top: float, **style: Any) -> Text:
+        """Write a text, and return it."""
         # Words, also where they have dollars: those would make them a formula.
         style |= {"va": "top", "color": self._ink, "parse_math": False}
-        self.figure.text(left / self.wide, 1 - top / self.high, text, **style)
+        return self.figure.text(left / self.wide, 1 - top / self.high, text, **style)
 
 
 def save_figure(figure: Figure, path: Path | str) -> None:

@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import msgspec
 import numpy as np
@@ -55,7 +55,6 @@ class PathDigest:
     """
 
     def __init__(self) -> None:
-        """Begin with the empty path."""
         self._hash = sha256()
 
     def add(self, round_number: int, executed: Iterable[Executed]) -> None:
@@ -77,7 +76,6 @@ class EdgePath:
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Begin with the empty path."""
         self._system = scene.system
         self._numbers: dict[bytes, int] = {}
         self.placed: list[GeneratorPlacement] = []
@@ -252,6 +250,20 @@ class Gathered(ABC):
     def reached(self) -> bool:
         """Return whether the modules are at the goal."""
         return self.scene.reached(self.sites)
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """Return the numbers that summaries and outcomes have of the path, by their names there."""
+        heap = self.heap
+        return {
+            "rounds": self.rounds,
+            "moves": heap.moves,
+            "reduced_moves": heap.reduced_moves,
+            "cubes": heap.cubes,
+            "max_cube_dimension": heap.max_cube_dimension,
+            "goal_reached": self.reached,
+            "path_digest": self.digest,
+        }
 
     def cubes(self) -> Iterator[tuple[GeneratorPlacement, ...]]:
         """Yield the normal cube path cube by cube, each move by its generator and its place."""

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from cubepath.agents.rendering.pictures import draw_on, extent, legend_of, way_of
-from cubepath.agents.rendering.style import DARK, GOAL, INK, LIGHT, PAPER, Box, Theme, palette
+from cubepath.agents.rendering.style import DARK, GOAL, LIGHT, Box, Theme, palette
 from cubepath.coordinator.normal_form.array_heap import NormalForm
-from cubepath.coordinator.runs.drawing import cancelled_moves, check_suffix
+from cubepath.coordinator.runs.drawing import Page, cancelled_moves, check_suffix
 from cubepath.coordinator.runs.schedule_chart import draw_schedule
 from cubepath.coordinator.runs.states import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
@@ -33,7 +33,6 @@ from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 
 FILM_SUFFIXES = (".gif",)
@@ -188,9 +187,6 @@ class _Screen:
         step_name: str,
         theme: Theme,
     ) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-        from matplotlib.figure import Figure  # noqa: PLC0415
-
         self._scene = scene
         self._found = found
         self._step_name = step_name
@@ -203,14 +199,10 @@ class _Screen:
         shots = [(found[number].sites, found[number].moved) for number in shown]
         legend = legend_of(scene, shots, self._box, wide - 2 * _EDGE, theme)
         below = legend.height + (_EDGE if legend.marks else 0)
-        whole = _CAPTION + tall + below
-        figure = Figure(figsize=(wide, whole), dpi=_DOTS, facecolor=theme.of(PAPER))
-        self._axes = figure.add_axes((0, below / whole, 1, tall / whole))
-        self._caption = figure.text(
-            _EDGE / wide, 1 - 0.07 / whole, "", va="top", color=theme.of(INK), fontsize=10
-        )
-        legend.put(figure, _EDGE, _CAPTION + tall + _EDGE / 2)
-        self._canvas = FigureCanvasAgg(figure)
+        self._page = page = Page(wide, _CAPTION + tall + below, theme, _DOTS)
+        self._axes = page.axes(0, _CAPTION, wide, tall)
+        self._caption = page.write("", _EDGE, 0.07, fontsize=10)
+        legend.put(page.figure, _EDGE, _CAPTION + tall + _EDGE / 2)
 
     def shot(self, moment: float) -> Image.Image:
         """Return the picture of a step, or of a moment on the way to it."""
@@ -218,7 +210,7 @@ class _Screen:
         snapshot = self._found[number]
         _draw_moment(self._axes, self._scene, snapshot, moment, box=self._box, theme=self._theme)
         self._caption.set_text(f"{self._step_name} {number} of {len(self._found) - 1}")
-        return _pixels(self._canvas)
+        return _pixels(self._page)
 
 
 def _common_colours(samples: Iterable[Image.Image]) -> Image.Image:
@@ -298,41 +290,23 @@ class _Sides:
         step_name: str,
         theme: Theme,
     ) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-        from matplotlib.figure import Figure  # noqa: PLC0415
-
         self._scene, self._run, self._shortest = scene, run, shortest
         self._step_name, self._theme = step_name, theme
         self._box = left, right, low, high = extent(scene, visited(chain(run, shortest)))
         wide = (_WIDE - 2 * _SIDES_EDGE - _GAP) / 2
         tall = min(max(wide * (high - low) / (right - left), _FLATTEST), _TALLEST)
-        whole = _SIDES_CAPTION + tall
-        figure = Figure(figsize=(_WIDE, whole), dpi=_SIDES_DOTS, facecolor=theme.of(PAPER))
-        self._sides = [
-            figure.add_axes((at / _WIDE, 0, wide / _WIDE, tall / whole))
-            for at in (_SIDES_EDGE, _SIDES_EDGE + wide + _GAP)
-        ]
-        self._captions = [
-            figure.text(
-                at / _WIDE, 1 - 0.08 / whole, "", va="top", color=theme.of(INK), fontsize=10
-            )
-            for at in (_SIDES_EDGE, _SIDES_EDGE + wide + _GAP)
-        ]
-        self._canvas = FigureCanvasAgg(figure)
+        self._page = page = Page(_WIDE, _SIDES_CAPTION + tall, theme, _SIDES_DOTS)
+        lefts = _SIDES_EDGE, _SIDES_EDGE + wide + _GAP
+        self._sides = [page.axes(left, _SIDES_CAPTION, wide, tall) for left in lefts]
+        self._captions = [page.write("", left, 0.08, fontsize=10) for left in lefts]
 
     def chart(self, cancelled: set[tuple[int, Action]], as_given: str) -> None:
         """Draw the moves of both, over which a line is to go along."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-        from matplotlib.figure import Figure  # noqa: PLC0415
-
         lane, least, most = _LANES
         lanes = min(max(lane * len(self._scene.start), least), most)
-        whole = lanes + _BELOW + 0.35
-        figure = Figure(figsize=(_WIDE, whole), dpi=_SIDES_DOTS, facecolor=self._theme.of(PAPER))
+        page = Page(_WIDE, lanes + _BELOW + 0.35, self._theme, _SIDES_DOTS)
         left = _SIDES_EDGE + 0.45
-        axes = figure.add_axes(
-            (left / _WIDE, _BELOW / whole, (_WIDE - _SIDES_EDGE - left) / _WIDE, lanes / whole)
-        )
+        axes = page.axes(left, 0.35, _WIDE - _SIDES_EDGE - left, lanes)
         draw_schedule(
             axes,
             self._scene,
@@ -342,8 +316,7 @@ class _Sides:
             as_given=f"{as_given}, {counted(len(self._run) - 1, self._step_name)}",
             theme=self._theme,
         )
-        canvas = FigureCanvasAgg(figure)
-        self._chart = _pixels(canvas)
+        self._chart = _pixels(page)
         ends = axes.transData.transform([(0, -0.5), (1, len(self._scene.start) - 0.5)])
         self._step = float(ends[0, 0]), float(ends[1, 0] - ends[0, 0])
         self._lanes = self._chart.height - float(ends[0, 1]), self._chart.height - float(ends[1, 1])
@@ -368,7 +341,7 @@ class _Sides:
             if at == len(states) - 1 and self._scene.reached(snapshot.sites):
                 words += ", goal"
             caption.set_text(words)
-        above = _pixels(self._canvas)
+        above = _pixels(self._page)
         both = Image.new("RGB", (above.width, above.height + self._chart.height))
         both.paste(above, (0, 0))
         both.paste(self._chart, (0, above.height))
@@ -388,7 +361,11 @@ def _draw_moment(
     draw_on(axes, scene, sites, moved=moved, box=box, theme=theme, by=snapshot.by, part=part)
 
 
-def _pixels(canvas: FigureCanvasAgg) -> Image.Image:
+def _pixels(page: Page) -> Image.Image:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+
+    canvas = page.figure.canvas
+    canvas = canvas if isinstance(canvas, FigureCanvasAgg) else FigureCanvasAgg(page.figure)
     canvas.draw()  # type: ignore[no-untyped-call]  # untyped in matplotlib
     pixels = canvas.buffer_rgba()  # type: ignore[no-untyped-call]  # as above
     return Image.fromarray(np.array(pixels, dtype=np.uint8)[:, :, :3].copy())

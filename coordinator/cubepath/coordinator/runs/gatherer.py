@@ -31,7 +31,6 @@ class Plausibility:
     """The state of a run at the beginning of a round, and what was sent and reported in it."""
 
     def __init__(self, scene: Scene) -> None:
-        """Begin at the start of the scene."""
         self.sites: list[Site] = list(scene.start)
         self._system = scene.system
         self._state = set(scene.start_state)
@@ -366,7 +365,6 @@ class Gatherer(Gathered):
     """
 
     def __init__(self, scene: Scene, watch: Callable[[Step], None] | None = None) -> None:
-        """Begin at the start of the scene."""
         self.scene = scene
         self._heap = FastHeap(telling=True)
         self._path = EdgePath(scene)

@@ -80,7 +80,6 @@ class Tap:
         self._most = most
 
     def __len__(self) -> int:
-        """Return how many messages wait."""
         return len(self._waiting)
 
     def __iter__(self) -> Iterator[TappedMessage]:
@@ -109,7 +108,6 @@ class Listeners:
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
         self.watches: list[Watch] = []
         self.hears: list[Hear] = []
         self._raised: BaseException | None = None

@@ -65,13 +65,13 @@ class LockstepDriver(Driver[LockstepFleet]):
             sink=self._wire,
             check=between_messages,
             say=self._say,
-            plausible=conductor.check,
+            plausible=conductor.gatherer.plausibility.check,
             way=self._way,
             opened=self._answer_from,
         )
         self._resources.enter_context(fleet)
         later_seeds = () if branch is None else branch.recorded.seeds
-        conductor.know(fleet.modules_of, plan.seed, later_seeds)
+        conductor.gatherer.plausibility.know(fleet.modules_of, plan.seed, later_seeds)
         if plan.wait_for:
             self._processes = len(fleet.modules_of)
         return conductor.between(0, fleet.end_schedule)

@@ -154,20 +154,13 @@ def outcome_of(
     **more: Any,
 ) -> Outcome:
     """Return the outcome of a run that has ended, with what its clock has to add."""
-    heap = gathered.heap
     return Outcome(
         log=str(writer.path),
         system=task.scene.spec,
         rule=task.name,
         seed=plan.seed,
         modules=len(task.scene.start),
-        rounds=gathered.rounds,
-        moves=heap.moves,
-        reduced_moves=heap.reduced_moves,
-        cubes=heap.cubes,
-        max_cube_dimension=heap.max_cube_dimension,
-        goal_reached=gathered.reached,
-        path_digest=gathered.digest,
+        **gathered.figures,
         ended=ending.ended,
         error=ending.error,
         messages=writer.messages,

@@ -55,7 +55,6 @@ class _Known:
     """What the logs of a run have, and what the others and its recording know of each."""
 
     def __init__(self, folder: Path, scene: Scene, keepers: int) -> None:
-        """Begin with nothing."""
         self._folder = folder
         self._system, self._tiles = scene.system, Tiles(scene.system, keepers)
         self._commits = [Commits() for _ in range(keepers)]

@@ -53,7 +53,6 @@ class RunLock:
     """Lets one thread at a time continue a run, and no listener of a round."""
 
     def __init__(self) -> None:
-        """Begin with nothing under way."""
         self.stopping = False
         """Whether somebody has asked for the end of the run."""
         self._lock = threading.RLock()

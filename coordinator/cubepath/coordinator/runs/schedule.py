@@ -33,7 +33,6 @@ class ScheduleExecution:
     """A schedule in progress: whether it is over, and whether it has stopped."""
 
     def __init__(self, assignment: Assignment) -> None:
-        """Begin before the first round."""
         self.assignment = assignment
         self.stopped: Stopped | None = None
         self.over = False

@@ -18,7 +18,7 @@ from cubepath.coordinator.normal_form.certificate import certificate_of, link
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
-from cubepath.coordinator.verification.certificate import check_numbered
+from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.formatting import counted
@@ -36,7 +36,7 @@ def certified_path(found: Shortened) -> Certificate:
     """
     path, start = found.path, found.given.start
     certificate = certificate_of(path, start=start, found=found.normal_form)
-    for check, why in check_numbered(certificate, path, start).items():
+    for check, why in check_certificate(certificate, path.each_action, start).items():
         if why is not None:
             raise CheckError(f"the certificate does not hold: {check}: {why}")
     return certificate

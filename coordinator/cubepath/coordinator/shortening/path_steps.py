@@ -16,9 +16,10 @@ import numpy as np
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.normal_form.definitions import is_cube
+from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.shortening.normal_path import Shortened, shortened
 from cubepath.coordinator.shortening.path_input import PathInput, read_input
-from cubepath.coordinator.verification.certificate import check_numbered
+from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -29,6 +30,7 @@ from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of
 from cubepath.protocol.path_files.certificates import Certificate, read_certificate
 from cubepath.protocol.path_files.moves import CubeName
 from cubepath.protocol.path_files.numbered import Progress
+from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.listed import TabledSystem
 
@@ -43,6 +45,7 @@ class PathSteps:
     on how a plan's end differs from what its instance asks for, or None.
     """
 
+    source: Path
     scene: Scene
     step_name: Literal["move", "cube", "round", "level"]
     steps: Sequence[Sequence[Action]]
@@ -50,6 +53,7 @@ class PathSteps:
     normal_form: NormalForm
     unsolved: str | None = None
     chain: Sequence[int] | None = None
+    recording: Recording | None = None
 
 
 def read_steps(
@@ -75,7 +79,13 @@ def steps_of(found: Shortened) -> PathSteps:
     given = found.given
     scene = given.scene or _own_scene(given)
     return PathSteps(
-        scene, given.step_name, _steps(given), found.cube_path, found.normal_form, given.unsolved
+        given.source,
+        scene,
+        given.step_name,
+        _steps(given),
+        found.cube_path,
+        found.normal_form,
+        given.unsolved,
     )
 
 
@@ -83,6 +93,13 @@ def _steps(given: PathInput) -> list[Sequence[Action]]:
     actions = given.actions
     sizes = (1,) * len(actions) if given.step_sizes is None else given.step_sizes
     return [actions[one:other] for one, other in pairwise(np.cumsum((0, *sizes)).tolist())]
+
+
+def steps_gathered(source: Path, found: Gathered, *, free: bool) -> PathSteps:
+    """Return the steps of a run that was gathered: its rounds, or its levels."""
+    heap, steps = found.heap, [step.actions for step in found.steps]
+    cubes, fates = heap.cube_path(), heap.normal_form()
+    return PathSteps(source, found.scene, "level" if free else "round", steps, cubes, fates)
 
 
 def certified_steps(
@@ -99,13 +116,14 @@ def certified_steps(
     """
     certificate = read_certificate(proof)
     given = read_input(of, system, hints, progress)
-    checks = check_numbered(certificate, given.numbered, given.start)
+    checks = check_certificate(certificate, given.actions, given.start)
     wrong = next(((name, why) for name, why in checks.items() if why is not None), None)
     if wrong is not None:
         raise CheckError(f"{proof.path}: check {wrong[0]!r} failed: {wrong[1]}")
     actions = given.actions
     order = {move: place for place, move in enumerate(chain.from_iterable(certificate.cubes))}
     return PathSteps(
+        proof.path,
         given.scene or _own_scene(given),
         given.step_name,
         _steps(given),
@@ -140,7 +158,7 @@ def _of_cubes(
     steps = list(_checked(path, cubes, scene))
     heap = FastHeap(telling=True)
     heap.extend(action for step in steps for action in step)
-    return PathSteps(scene, "cube", steps, heap.cube_path(), heap.normal_form())
+    return PathSteps(path, scene, "cube", steps, heap.cube_path(), heap.normal_form())
 
 
 def _checked(

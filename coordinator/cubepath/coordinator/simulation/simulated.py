@@ -239,14 +239,18 @@ class _Run:
             self.network.branch(faults.step, faults.begin)
         modules_of = dealt(self.scene, scenario.processes)
         self.conductor = Conductor(self.scene, max_rounds=scenario.max_rounds, record=self._result)
-        self.conductor.know(modules_of, scenario.seed)
+        self.conductor.gatherer.plausibility.know(modules_of, scenario.seed)
         self._records: list[Record] = []
         self._expected: list[_Moves] = []
         self._differs: Failure | None = None
         judge = Judge(RUN, modules_of, self.scene.system)
         judge.note_length = self.rule.note_length(len(self.scene.start))
         self._pacer = Pacer(
-            RUN, modules_of, judge=judge, check=self.conductor.check, patience_s=PATIENCE_S
+            RUN,
+            modules_of,
+            judge=judge,
+            check=self.conductor.gatherer.plausibility.check,
+            patience_s=PATIENCE_S,
         )
         self._coordinator = Coordinator(self._pacer, self.conductor, self._record)
         self._modules_of = modules_of

@@ -1,5 +1,6 @@
 from cubepath.coordinator.testing.commands import Command as Command
 from cubepath.coordinator.testing.fixtures import (
+    Listener as Listener,
     ReplayFixture as ReplayFixture,
     RunFixture as RunFixture,
     SimulateFixture as SimulateFixture,
@@ -20,7 +21,6 @@ from cubepath.coordinator.testing.properties import (
     reached as reached,
     sometimes as sometimes,
 )
-from cubepath.coordinator.testing.replaying import Listener as Listener
 from cubepath.coordinator.testing.rules import Pattern as Pattern, Rule as Rule
 from cubepath.coordinator.testing.run_under_test import RunUnderTest as RunUnderTest
 from cubepath.coordinator.testing.strategies import (

@@ -62,7 +62,6 @@ class Guard:
     """A subreaper without a command: it ends everything it watches if this process is killed."""
 
     def __init__(self) -> None:
-        """Start it."""
         self._subreaper, report = new_subreaper()
         os.close(report)
 
@@ -329,11 +328,9 @@ class Command:
             reader.join(_END_S_MAX)
 
     def __enter__(self) -> Self:
-        """Return the command."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End it."""
         self.close()
 
 

@@ -8,21 +8,25 @@ from contextlib import ExitStack, suppress
 from inspect import signature
 from itertools import chain, count
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
+from cubepath.coordinator.playback.player import replay
+from cubepath.coordinator.playback.replay_comparison import ReplayResult
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
-from cubepath.coordinator.testing.commands import CommandLine
+from cubepath.coordinator.testing.commands import Command, CommandLine, check_command
+from cubepath.coordinator.testing.link import LinkProxy
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
-from cubepath.coordinator.testing.replaying import Listener, on_wire
 from cubepath.coordinator.testing.run_under_test import RunUnderTest
 from cubepath.coordinator.testing.strategies import TrialResult, trial_of
 from cubepath.coordinator.testing.wire_messages import RESULTS, WireMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.options import function, known_name
 from cubepath.protocol.recordings.writing import copy_recording
+from cubepath.protocol.wire.free_messages import free_key
+from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.nodes import Effect, Node
 
 __tracebackhide__ = True  # pytest shows no frames of this module
@@ -33,7 +37,6 @@ class RecordingFolder:
     """Where the recordings of a test go."""
 
     def __init__(self, folder: Path) -> None:
-        """Put them into a folder."""
         self._folder = folder
         self._taken: set[Path] = set()
         self.kept: list[str] = []
@@ -65,7 +68,6 @@ class RunFixture:
     """The fixture ``cubepath_run``: starts runs, and ends them when the test is over."""
 
     def __init__(self, places: RecordingFolder, defaults: Mapping[str, Any]) -> None:
-        """Start runs with these defaults."""
         self._places = places
         self._defaults = dict(defaults)
         self._resources = ExitStack()
@@ -153,6 +155,75 @@ class SimulateFixture:
         if check:
             tried.assert_holds()
         return tried
+
+
+def on_wire(seen: WireMessage, run: str) -> WireMessage:
+    """Return a message of a log as it was on the wire of a run of this name."""
+    message: Any = seen.message
+    if message is None:
+        return seen
+    has_rounds = getattr(message, "round", None) is not None
+    key = key_of(run, message) if has_rounds else free_key(run, message)
+    return WireMessage(key, seen.data, seen.at_s)
+
+
+class Listener:
+    """A command of others to which a recording was replayed on a wire, as a context manager.
+
+    The command is started first. The replay begins when it listens to something of the run, and is
+    over when this was made; what the command does then is for the test to ask.
+    """
+
+    def __init__(
+        self,
+        log: RunLog,
+        command: str | Sequence[str],
+        *,
+        timeout_s: float = 30.0,
+        topics: Collection[str] = (),
+        rate: float | None = None,
+        env: Mapping[str, str] | None = None,
+    ) -> None:
+        """Replay the messages of modules, or these topics, at this many rounds a second.
+
+        ``{endpoint}`` in the command is where it listens, ``{run}`` the name of the run; they are
+        in ``CUBEPATH_ENDPOINT`` and ``CUBEPATH_RUN`` too. CheckError if it ends before it listens,
+        or does not within the time; otherwise as `cubepath.coordinator.replay`.
+        """
+        check_command(command)
+        self._resources = ExitStack()
+        self.command: Command
+        """The command."""
+
+        def announce(endpoint: str, run: str) -> None:
+            link = self._resources.enter_context(LinkProxy("listener", endpoint))
+
+            found = Command(command, env=env, timeout_s=timeout_s, endpoint=link.endpoint, run=run)
+            self.command = self._resources.enter_context(found)
+            listens = f"cubepath/{run}/**"
+            found.until(lambda: link.listens(listens), "listens to the run")
+
+        try:
+            self.replayed: ReplayResult = replay(
+                log.recording,
+                rate=rate,
+                topics=topics,
+                endpoint="tcp/127.0.0.1:0",
+                announce=announce,
+            )
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the command."""
+        self._resources.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
 class ReplayFixture:

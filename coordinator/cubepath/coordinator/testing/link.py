@@ -516,11 +516,9 @@ class LinkProxy:
         self._tokens.clear()
 
     def __enter__(self) -> Self:
-        """Return the link."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Take the link away."""
         self.close()
 
 

@@ -90,7 +90,6 @@ class NetworkUnderTest(ProcessFaults):
         self._tap = self._on_message
 
     def __enter__(self) -> Self:
-        """Start the router."""
         self._router = Router(_LOOPBACK)
         return self
 

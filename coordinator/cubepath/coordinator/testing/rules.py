@@ -234,7 +234,6 @@ class Rule:
                     )
 
     def __str__(self) -> str:
-        """Return what it does to which messages."""
         return f"{self.action} {self.pattern}"
 
     def __repr__(self) -> str:

@@ -20,11 +20,10 @@ from typing import Any, NoReturn, Self
 
 from msgspec.json import encode
 
-from cubepath.coordinator.runs.launch import start
 from cubepath.coordinator.runs.listeners import TappedMessage
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.run import Run
+from cubepath.coordinator.runs.run import Run, start
 from cubepath.coordinator.testing.commands import CommandLine, Joiners, lives
 from cubepath.coordinator.testing.log import RunLog, What, pattern_of
 from cubepath.coordinator.testing.process_faults import ProcessFaults, Target
@@ -137,7 +136,6 @@ class RunUnderTest(ProcessFaults):
         return self._speaks_as(name) or name
 
     def __exit__(self, kind: object, *_: object) -> None:
-        """End everything."""
         self.close(check=kind is None)
 
     def _end(self) -> None:

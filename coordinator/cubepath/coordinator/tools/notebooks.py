@@ -19,10 +19,9 @@ from cubepath.coordinator.commands.run import outcome_rows
 from cubepath.coordinator.plugins import plugin
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.drawing import run_picture, scene_picture
-from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.path_steps import PathSteps, steps_of
+from cubepath.coordinator.shortening.path_steps import PathSteps, steps_gathered, steps_of
 from cubepath.protocol.core.formatting import visible
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
@@ -92,15 +91,9 @@ def _with_run(text: str, moves: int, modules: int, steps: Callable[[], PathSteps
     return Display(text, [partial(_drawn, draw)])
 
 
-def _gathered(found: Gathered, *, free: bool) -> PathSteps:
-    heap, steps = found.heap, [step.actions for step in found.steps]
-    cubes, fates = heap.cube_path(), heap.normal_form()
-    return PathSteps(found.scene, "level" if free else "round", steps, cubes, fates)
-
-
 def _outcome(run: Any) -> Display:
     rows = outcome_rows(run) + ([] if run.error is None else [("error", run.error)])
-    steps = partial(_gathered, run.gathered, free=run.keepers is not None)
+    steps = partial(steps_gathered, Path(run.log), run.gathered, free=run.keepers is not None)
     return _with_run(table(rows), run.moves, run.modules, steps)
 
 
@@ -109,7 +102,7 @@ def _recording(recording: Recording) -> Display:
     if recording.of_keys or found["messages"] > MESSAGES_MAX:
         return Display(render(found))
     free = recording.clock == "free"
-    steps = lambda: _gathered(gathered_in_full(recording), free=free)  # noqa: E731
+    steps = lambda: steps_gathered(recording.path, gathered_in_full(recording), free=free)  # noqa: E731
     return _with_run(render(found), found["moves"] or 0, found["modules"], steps)
 
 

@@ -9,9 +9,6 @@ from collections.abc import Iterable, Sequence
 from itertools import chain
 from typing import TypeAlias
 
-import numpy as np
-
-from cubepath.coordinator.verification.array_proof import carry_out, proves
 from cubepath.coordinator.verification.proof import check_proof
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail, Transcript
@@ -62,40 +59,6 @@ def check_certificate(
     if len(found) > 1 and (start is not None or certificate.end is not None):
         found["end"] = _end(certificate, path, start)
     return found
-
-
-def check_numbered(
-    certificate: Certificate, path: NumberedPath, start: frozenset[Site] | None = None
-) -> Found:
-    """Return what `check_certificate` returns for the actions of a path.
-
-    They are built only if a check fails, to say why; until then all is decided on arrays.
-    """
-    if certificate.moves == len(path.numbers) and proves(certificate, path.numbers, path.supports):
-        names = ["form", "cancelled", "schedule", "reduced", "chain", "end"]
-        if start is None and certificate.end is None:
-            return dict.fromkeys(names[:-1])
-        if start is not None and _ends_as_it_says(certificate, path, start):
-            return dict.fromkeys(names)
-    return check_certificate(certificate, path.each_action, start)
-
-
-def _ends_as_it_says(certificate: Certificate, path: NumberedPath, start: frozenset[Site]) -> bool:
-    """Return whether the check `end` holds; only for a certificate whose `form` holds."""
-    rows, sites = path.supports.rows, path.supports.sites
-    after_path = np.array([site in start for site in sites], dtype=np.int8)
-    after_cubes = after_path.copy()
-    order = np.fromiter(chain.from_iterable(certificate.cubes), dtype=np.int64) - 1
-    if not carry_out(path.numbers, rows, after_path):
-        return False
-    if not carry_out(path.numbers[order], rows, after_cubes):
-        return False
-    if (after_path != after_cubes).any():
-        return False
-    state = set(start)
-    for site, on in zip(sites, after_path.tolist(), strict=True):
-        (state.add if on else state.discard)(site)
-    return _told_end(certificate.end, state) is None
 
 
 def _end(

@@ -45,7 +45,6 @@ class OutcomeCheck:
     """The course of a run: at the end, whether it ended where and how it had to."""
 
     def __init__(self, recording: Recording, fail: Fail) -> None:
-        """Begin before the first round."""
         self._scene = recording.scene
         self._processes = processes_of(recording)
         self._most = max_rounds_in(recording.parameters)

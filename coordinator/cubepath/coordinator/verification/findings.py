@@ -72,7 +72,6 @@ class StageFailures:
     """
 
     def __init__(self, failures: Failures, number: int) -> None:
-        """Begin at the front of the stage."""
         self._failures, self._number = failures, number
         self.position: tuple[int, ...] = ()
 
@@ -89,7 +88,6 @@ class Failures:
     """
 
     def __init__(self, checks: Iterable[str]) -> None:
-        """Begin with no failure of any of these checks."""
         self._first: dict[str, tuple[tuple[int, ...], str]] = {}
         self._count: dict[str, int] = dict.fromkeys(checks, 0)
 

@@ -5,9 +5,7 @@ Part of `cubepath verify`: it uses neither keepers nor the gatherer nor the heap
 
 from collections import Counter
 from collections.abc import Callable
-from functools import partial
 from hashlib import sha256
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +34,6 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.durations import schedule_from_jsonl
 from cubepath.protocol.recordings.cutting import left_out
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire import free_messages
 from cubepath.protocol.wire.keys import Tiles
 from cubepath.protocol.wire.messages import Summary, encode
@@ -155,20 +152,31 @@ def _check_messages(
         fail("attempts", "without their number it is not known which keeper has what")
         return False
     tiles = Tiles(recording.scene.system, keepers)
-    checks = _Checks(
-        Attempts(history, transcript, tiles, failures.stage(2)),
-        VisibilityCheck(history, transcript, tiles, failures.stage(2)),
-        Tails(history, transcript, tiles, failures.stage(2)),
-        TurnsOfModules(history, transcript, tiles, playing, failures.stage(2)),
-    )
+    attempts = Attempts(history, transcript, tiles, failures.stage(2))
+    shown = VisibilityCheck(history, transcript, tiles, failures.stage(2))
+    tails = Tails(history, transcript, tiles, failures.stage(2))
+    turns = TurnsOfModules(history, transcript, tiles, playing, failures.stage(2))
     for record in recording.records:
         try:
             message = free_messages.decode_free(record.data)
         except InputError:
             continue  # it is reported already
-        checks.take(record, message)
-    checks.attempts.end()
-    checks.shown.end()
+        match message:
+            case free_messages.Turns():
+                turns.turns(message)
+            case free_messages.Requests():
+                attempts.asked(message)
+                shown.looks(record, message)
+            case free_messages.Replies() | free_messages.Forwards():
+                attempts.take(record, message)
+            case free_messages.TileUpdate():
+                shown.shows(record, message)
+            case free_messages.CommitLog():
+                tails.tail(record, message)
+            case _:
+                pass
+    attempts.end()
+    shown.end()
     summary = transcript.results.summary
     has_end = summary is not None and not is_cut_off(recording) and not _never_began(recording)
     # A run that fails does not wait for what keepers have at the end.
@@ -178,7 +186,7 @@ def _check_messages(
     told = recording.parameters
     unwatched = ("continue", "restart") if "wait_for" in told else ("continue",)
     open_end = told.get("on_crash") in unwatched or transcript.broken_off
-    whole = checks.tails.end(keepers, whole=has_end and settled, open_end=open_end)
+    whole = tails.end(keepers, whole=has_end and settled, open_end=open_end)
     losses = transcript.losses
     known = parameters.processes_of(recording)
     processes = losses.processes if known is None else range(known)
@@ -186,36 +194,8 @@ def _check_messages(
     for process in awake if has_end else ():
         why = f"process_{process} does not say that it rests: its last messages may be missing"
         losses.lack(fail, "complete", why, excused=open_end)
-    checks.turns.end()
+    turns.end()
     return whole and not awake
-
-
-class _Checks(NamedTuple):
-    """What is checked message by message."""
-
-    attempts: Attempts
-    shown: VisibilityCheck
-    tails: Tails
-    turns: TurnsOfModules
-
-    def take(self, record: Record, message: free_messages.FreeMessage) -> None:
-        """Check a message."""
-        match message:
-            case free_messages.Turns():
-                self.turns.turns(message)
-            case free_messages.Requests():
-                self.attempts.asked(message)
-                self.shown.looks(record, message)
-            case free_messages.Replies():
-                self.attempts.take(record, message)
-            case free_messages.Forwards():
-                self.attempts.take(record, message)
-            case free_messages.TileUpdate():
-                self.shown.shows(record, message)
-            case free_messages.CommitLog():
-                self.tails.tail(record, message)
-            case _:
-                pass
 
 
 def _never_began(recording: Recording) -> bool:
@@ -284,14 +264,13 @@ def _check_schedule(
         if (site := move.at) is not None
     ]
     check_dependencies(
-        actions, [], [[each] for each in path.actions], partial(_in_order, fail), whole=True
+        actions,
+        [],
+        [[each] for each in path.actions],
+        lambda _, why: fail("schedule", f"in another order than that of the schedule: {why}"),
+        whole=True,
     )
     return True
-
-
-def _in_order(fail: Fail, check: str, why: str) -> None:
-    del check
-    fail("schedule", f"in another order than that of the schedule: {why}")
 
 
 def _check_ended(

@@ -154,7 +154,6 @@ class HashedNames:
     """What modules number: of each the hash of its content, and one more number."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._names = Names()
         self._hashes, self._values = array("q"), array("q")
 
@@ -186,7 +185,6 @@ class ShownVersions:
     __slots__ = ("_far", "_near")
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._near = array("q")
         """Both in one number, in order."""
         self._far: set[tuple[int, int]] = set()

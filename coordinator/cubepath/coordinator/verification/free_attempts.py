@@ -32,7 +32,6 @@ class Incarnations:
     def __init__(
         self, transcript: FreeTranscript, tiles: Tiles, system: System, fail: Fail
     ) -> None:
-        """Begin with nothing reported."""
         self._transcript, self._losses = transcript, transcript.losses
         self._tiles, self._place_of, self._fail = tiles, system.place_of, fail
         self._incarnations: dict[int, dict[int, int]] = {}

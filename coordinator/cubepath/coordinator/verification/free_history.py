@@ -52,7 +52,6 @@ class UnitAccesses:
     """What commits touch, units or modules, at which versions: 24 bytes for each touch."""
 
     def __init__(self) -> None:
-        """Begin with no touch."""
         self._numbers: dict[Hashable, int] = {}
         self._things, self._commits = array("i"), array("i")
         self._versions, self._what = array("q"), array("q")

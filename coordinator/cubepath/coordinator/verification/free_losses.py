@@ -22,7 +22,6 @@ class Losses:
     """The messages that are missing, and the evidence that is lacking."""
 
     def __init__(self) -> None:
-        """Begin before the first message."""
         self._transcript: dict[tuple[str, int], NumberTable] = {}
         """By sender and incarnation the hash of each message by its number."""
         self._last: dict[tuple[str, int], int] = {}

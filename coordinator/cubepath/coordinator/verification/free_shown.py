@@ -31,7 +31,6 @@ class VisibilityCheck:
     def __init__(
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: StageFailures
     ) -> None:
-        """Know what was where, and what was asked for."""
         self._history, self._transcript, self._tiles, self._fail = history, transcript, tiles, fail
         self._system, self._losses = history.system, transcript.losses
         self._changes: dict[str, NumberTable] = {}
@@ -130,7 +129,6 @@ class Serials:
     """What each change of a tile has shown of each place: some forty bytes for each."""
 
     def __init__(self) -> None:
-        """Begin with nothing shown."""
         self._places: dict[Site, int] = {}
         self._tiles: dict[str, int] = {}
         self._topics: dict[str, int] = {}
@@ -200,7 +198,6 @@ class Tails:
     def __init__(
         self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Fail
     ) -> None:
-        """Know what was derived."""
         self._history, self._transcript, self._tiles, self._fail = history, transcript, tiles, fail
         self._last: dict[int, tuple[Record, free.CommitLog]] = {}
 

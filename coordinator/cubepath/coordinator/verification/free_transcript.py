@@ -88,7 +88,6 @@ class FreeReading:
     """Reads a recording; `fail` is called for what is wrong without any derivation."""
 
     def __init__(self, recording: Recording, fail: Fail) -> None:
-        """Begin before the first message."""
         self._system = system = recording.scene.system
         self._modules = len(recording.scene.start)
         self._keepers = keepers_of(recording)

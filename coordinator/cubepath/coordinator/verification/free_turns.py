@@ -90,7 +90,6 @@ class TurnsOfModules:
         player: FreePlayer | None,
         fail: StageFailures,
     ) -> None:
-        """Know what was shown; the player plays the turns."""
         self._tiles = tiles
         self._history, self._transcript, self._fail = history, transcript, fail
         self._player = player

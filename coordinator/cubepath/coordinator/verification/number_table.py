@@ -39,7 +39,6 @@ class NumberTable:
     __slots__ = ("_count", "_far", "_near", "last")
 
     def __init__(self) -> None:
-        """Begin with no key."""
         self._near = array("q")
         self._far: dict[int, int] = {}
         self._count = 0
@@ -77,7 +76,6 @@ class NumberTable:
         return value
 
     def __iter__(self) -> Iterator[int]:
-        """Yield the keys in order."""
         near = (key for key, value in enumerate(self._near) if value != _NONE)
         return merge(near, sorted(self._far))
 
@@ -93,7 +91,6 @@ class Names:
     """
 
     def __init__(self) -> None:
-        """Begin with no name."""
         self._tables: dict[tuple[int, int], NumberTable] = {}
         self._epochs: dict[int, list[int]] = {}
         self._count = 0
@@ -141,7 +138,6 @@ class PackedCommits(Sequence[Commit]):
     """The commits by keeper, then by serial number; each is decoded when it is asked for."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._keepers: dict[int, NumberTable] = {}
         """By keeper and serial number which of the commits it is, as they were taken."""
         self._data, self._ends = bytearray(), array("q", [0])

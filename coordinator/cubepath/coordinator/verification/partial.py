@@ -98,7 +98,6 @@ class WholeRounds:
     """
 
     def __init__(self, recording: Recording) -> None:
-        """Begin with none."""
         self._modules = len(recording.scene.start)
         self._reported: dict[int, set[int]] = {}
         self._levels: set[int] = set()
@@ -193,7 +192,6 @@ class Hole:
     """How many are missing, in this hole and in later ones."""
 
     def __str__(self) -> str:
-        """Return in words what is missing."""
         are = "message is" if self.messages == 1 else "messages are"
         return f"{self.messages} {are} missing from message {self.begins} on"
 

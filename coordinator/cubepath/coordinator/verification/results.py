@@ -10,8 +10,7 @@ from typing import NamedTuple
 from cubepath.coordinator.normal_form.definitions import is_cube, too_late
 from cubepath.coordinator.verification import findings
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
-from cubepath.coordinator.verification.dependencies import check_dependencies
-from cubepath.coordinator.verification.normal_form import cubes_of
+from cubepath.coordinator.verification.dependencies import check_dependencies, cubes_of
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off
 from cubepath.protocol.core.actions import Action

@@ -134,7 +134,6 @@ class SharedMoves:
     """Keeps one object for equal moves: there are few of them in many cubes."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._placed: dict[tuple[str, Site], GeneratorPlacement] = {}
 
     def cube(self, cube: wire.Cube) -> wire.Cube:

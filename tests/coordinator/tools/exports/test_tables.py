@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, strategies as st
 
-from cubepath.coordinator.tools.exports.exporting import RowSelection, export, table_of
+from cubepath.coordinator.tools.exports.exporting import export, table_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.cutting import MessageSelection, filter_recording
@@ -97,8 +97,8 @@ def test_a_range_of_rounds_takes_their_rows(path: Path, name: str, first: int, m
     """Both ends are included, whatever table is asked for."""
     recording = read_recording(path)
     wanted = MessageSelection(first=first, until=first + more)
-    some = table_of(recording, RowSelection(name, wanted))
-    every = table_of(recording, RowSelection(name))
+    some = table_of(recording, name, wanted)
+    every = table_of(recording, name)
     assert some.columns == every.columns
     rows = [row for batch in every.batches for row in batch]
     found = [row for batch in some.batches for row in batch]
@@ -109,7 +109,7 @@ def test_a_range_of_rounds_takes_their_rows(path: Path, name: str, first: int, m
 def test_rounds_add_up_to_the_recording(path: Path) -> None:
     """Messages, bytes, moves and claims, each counted in one round; and the times of each."""
     recording = read_recording(path)
-    table = table_of(recording, RowSelection("rounds"))
+    table = table_of(recording, "rounds")
     rows = [dict(zip(table.columns, row, strict=True)) for batch in table.batches for row in batch]
     assert [row["round"] for row in rows] == sorted({row["round"] for row in rows})
     claims = recording.claims()["outcome"].tolist()
@@ -131,7 +131,7 @@ def test_rounds_add_up_to_the_recording(path: Path) -> None:
 def test_parts_of_batches_are_kinds_of_messages(kinds: tuple[str, ...]) -> None:
     """What is asked for by kind is what the recording gives by kind."""
     recording = read_recording(GOLDEN / "agv-6.mcap")
-    table = table_of(recording, RowSelection("messages", kinds=kinds))
+    table = table_of(recording, "messages", kinds=kinds)
     found = [json.loads(row[-1]) for batch in table.batches for row in batch]
     said = [each.message for each in recording.messages(kinds)]
     assert found == msgspec.json.decode(msgspec.json.encode(said))
@@ -156,9 +156,9 @@ def chunked(name: str, size: int) -> Path:
 @pytest.mark.parametrize("name", ["moves", "claims", "rounds"])
 def test_rows_come_while_the_file_is_read(name: str, size: int) -> None:
     """However the file is cut into chunks the rows are the same, and come some at a time."""
-    whole = table_of(read_recording(GOLDEN / "agv-6.mcap"), RowSelection(name))
+    whole = table_of(read_recording(GOLDEN / "agv-6.mcap"), name)
     recording = read_recording(chunked("agv-6", size))
-    batches = [batch for batch in table_of(recording, RowSelection(name)).batches if batch]
+    batches = [batch for batch in table_of(recording, name).batches if batch]
     assert list(chain(*batches)) == list(chain(*whole.batches))
     assert len(batches) > 5
 
@@ -223,12 +223,12 @@ def test_levels_are_not_made_of_the_wall_clock() -> None:
     recording = read_recording(GOLDEN / "hex-free-5.mcap")
     walled = replace(recording, parameters={**recording.parameters, "log_time": "wall"})
     with pytest.raises(InputError, match="its log time is the wall clock"):
-        list(table_of(walled, RowSelection("rounds")).batches)
+        list(table_of(walled, "rounds").batches)
     for table in ("claims", "messages"):
-        assert any(table_of(walled, RowSelection(table)).batches)
+        assert any(table_of(walled, table).batches)
         with pytest.raises(InputError, match="so only its moves have levels: expected no range"):
-            table_of(walled, RowSelection(table, MessageSelection(until=3)))
-    assert any(table_of(walled, RowSelection("moves", MessageSelection(until=3))).batches)
+            table_of(walled, table, MessageSelection(until=3))
+    assert any(table_of(walled, "moves", MessageSelection(until=3)).batches)
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from google.protobuf.message_factory import GetMessageClass
 from mcap.reader import make_reader
 
 from cubepath.agents.rendering.pictures import extent, solid_of
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.coordinator.runs.states import RunState, states_of
 from cubepath.coordinator.tools.exports.exporting import export
 from cubepath.coordinator.tools.exports.viewers import TOPICS, SceneEncoder, times_of

@@ -23,9 +23,8 @@ import pytest
 from cubepath.agents.free.joining import Joining, join
 from cubepath.coordinator.playback.player import Player
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.run import Run
+from cubepath.coordinator.runs.run import Run, run, start
 from cubepath.coordinator.tools.live.remote_pages import RemoteRunPage
 from cubepath.coordinator.tools.live.watching import LivePage
 from cubepath.coordinator.verification.recording import verify

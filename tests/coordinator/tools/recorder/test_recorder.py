@@ -19,7 +19,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.player import replay
 from cubepath.coordinator.playback.selection import SAID
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.coordinator.runs.launch import start
+from cubepath.coordinator.runs.run import start
 from cubepath.coordinator.tools.recorder.recorder import Recorder
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError

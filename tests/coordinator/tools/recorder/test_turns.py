@@ -8,7 +8,7 @@ from random import Random
 import msgspec
 import pytest
 
-from cubepath.coordinator.runs.launch import start
+from cubepath.coordinator.runs.run import start
 from cubepath.coordinator.tools.recorder.backlog import ReceivedMessage
 from cubepath.coordinator.tools.recorder.losses import Head
 from cubepath.coordinator.tools.recorder.turns import MessageOrder, OrderedMessage

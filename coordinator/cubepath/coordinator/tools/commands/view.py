@@ -6,12 +6,13 @@ import argparse
 import os
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import accumulate, chain, pairwise
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from cubepath.coordinator.commands.console import DONE, answer, complain, progress_bar
 from cubepath.coordinator.commands.files import Output, add_out, check_files, input_path
@@ -29,12 +30,10 @@ from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
 from cubepath.protocol.file_forms import PlanHints, form_of
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.normal_form.array_heap import NormalForm
     from cubepath.coordinator.runs.drawing import Sheet
+    from cubepath.coordinator.shortening.path_steps import PathSteps
     from cubepath.coordinator.tools.viewing.run_view import RunView
-    from cubepath.protocol.core.actions import Action
     from cubepath.protocol.core.system import Scene
-    from cubepath.protocol.recordings.recording import Recording
 
 Mark: TypeAlias = tuple[int, str]
 """A step, from 1, and what the time axis says of it."""
@@ -42,21 +41,7 @@ _RESULTS = ("cube", "summary")
 """Messages of the coordinator about the whole run, which belong to no round."""
 
 
-class DrawingInput(NamedTuple):
-    """The input of a drawing; the schedule is computed when it is asked for."""
-
-    source: Path
-    scene: Scene
-    step_name: str
-    steps: Sequence[Sequence[Action]]
-    schedule: Callable[[], tuple[Sequence[Sequence[Action]], NormalForm]]
-    unsolved: str | None = None
-    recording: Recording | None = None
-    chain: Sequence[int] | None = None
-    """Of a certificate, whose schedule it then is: the chain that proves it, by places in it."""
-
-
-def write_page(drawn: Sequence[DrawingInput], path: Path) -> None:
+def write_page(drawn: Sequence[PathSteps], path: Path) -> None:
     """Write a page that shows these, with a bar that names the part at work."""
     from cubepath.coordinator.tools.viewing.pages import run_page  # noqa: PLC0415 - only what is needed
 
@@ -78,7 +63,7 @@ def _names(sources: Sequence[Path]) -> list[str]:
     return stems if len(set(stems)) == len(stems) else [str(source) for source in sources]
 
 
-def _branches(drawn: DrawingInput) -> list[Mark]:
+def _branches(drawn: PathSteps) -> list[Mark]:
     """Return where a what-if departs from the recording that it continues from."""
     if drawn.recording is None:
         return []
@@ -97,7 +82,7 @@ def _branches(drawn: DrawingInput) -> list[Mark]:
     return found
 
 
-def _differences(both: Sequence[DrawingInput]) -> list[list[Mark]]:
+def _differences(both: Sequence[PathSteps]) -> list[list[Mark]]:
     """Return for each of two runs where they differ first, as `cubepath diff` finds it."""
     from cubepath.coordinator.tools.comparison.moves import first_other  # noqa: PLC0415
     from cubepath.coordinator.tools.comparison.run_comparison import diff  # noqa: PLC0415
@@ -132,7 +117,7 @@ def _differences(both: Sequence[DrawingInput]) -> list[list[Mark]]:
     return [[mark for mark in marks if mark[0] <= len(each.steps)] for each in both]
 
 
-def _of_move(drawn: DrawingInput, place: int | None) -> list[Mark]:
+def _of_move(drawn: PathSteps, place: int | None) -> list[Mark]:
     """Return the mark of the first move that differs, by its number in the path, from 0."""
     if place is None or place >= sum(map(len, drawn.steps)):
         return []
@@ -144,26 +129,26 @@ def _listed(words: Sequence[str]) -> str:
     return " and ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
 
 
-def _shown(drawn: DrawingInput, name: str, marks: Sequence[Mark]) -> RunView:
+def _shown(drawn: PathSteps, name: str, marks: Sequence[Mark]) -> RunView:
     from cubepath.coordinator.tools.viewing.run_view import RunView  # noqa: PLC0415
 
-    cubes, found = drawn.schedule()
     return RunView(
         drawn.scene,
         drawn.steps,
-        cubes,
-        found,
+        drawn.cubes,
+        drawn.normal_form,
         drawn.step_name,
         name,
         drawn.recording,
-        _facts(drawn, cubes),
+        _facts(drawn),
         drawn.chain,
         marks,
     )
 
 
-def _facts(drawn: DrawingInput, cubes: Sequence[Sequence[Action]]) -> tuple[tuple[str, str], ...]:
+def _facts(drawn: PathSteps) -> tuple[tuple[str, str], ...]:
     """Return what the head of a page says: the rule and its seed, and the counts of both paths."""
+    cubes = drawn.cubes
     known = {} if drawn.recording is None else drawn.recording.parameters
     facts = [(key, known[key]) for key in ("rule", "seed") if key in known]
     moves, left = sum(map(len, drawn.steps)), sum(map(len, cubes))
@@ -350,14 +335,13 @@ def _view_path(options: argparse.Namespace) -> int:
     if kind == "film":
         _film(options, drawn, path)
     else:
-        cubes, found = drawn.schedule()
         with progress_bar(None, "draw", ""):
             run_picture(
                 drawn.scene,
                 drawn.steps,
-                cubes,
+                drawn.cubes,
                 path,
-                found=found,
+                found=drawn.normal_form,
                 step_name=drawn.step_name,
                 what="schedule" if options.what == "schedule" else "run",
                 sheet=_sheet(options),
@@ -407,7 +391,7 @@ def _view_scene(options: argparse.Namespace, scene: Scene) -> int:
     return DONE
 
 
-def _inputs(options: argparse.Namespace) -> list[DrawingInput]:
+def _inputs(options: argparse.Namespace) -> list[PathSteps]:
     from cubepath.coordinator.shortening.path_input import hints_for_each  # noqa: PLC0415
 
     sources = [each for each in (options.input, options.other) if each is not None]
@@ -424,9 +408,7 @@ def _inputs(options: argparse.Namespace) -> list[DrawingInput]:
     return found
 
 
-def _written(
-    options: argparse.Namespace, drawn: Sequence[DrawingInput], path: Path, kind: str
-) -> int:
+def _written(options: argparse.Namespace, drawn: Sequence[PathSteps], path: Path, kind: str) -> int:
     """Say what was written, and of what."""
     document = {"log": str(drawn[0].source), kind: str(path)}
     if len(drawn) > 1:
@@ -435,7 +417,7 @@ def _written(
     return max(solved(options, each.unsolved) for each in drawn)
 
 
-def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
+def _film(options: argparse.Namespace, drawn: PathSteps, path: Path) -> None:
     """Draw a film of the run, of its schedule, or of both side by side."""
     from cubepath.coordinator.runs.films import FRAMES_PER_SECOND, animate, animate_beside  # noqa: PLC0415
 
@@ -443,13 +425,12 @@ def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
     with progress_bar(None, "film", " frames") as bar:
         progress = partial(StageProgress(bar).tick, "film")
         if options.what == "both":
-            cubes, found = drawn.schedule()
             animate_beside(
                 drawn.scene,
                 drawn.steps,
-                cubes,
+                drawn.cubes,
                 path,
-                found=found,
+                found=drawn.normal_form,
                 step_name=drawn.step_name,
                 frames_per_second=rate,
                 dark=options.dark,
@@ -459,7 +440,7 @@ def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
         as_given = options.what == "run"
         animate(
             drawn.scene,
-            drawn.steps if as_given else drawn.schedule()[0],
+            drawn.steps if as_given else drawn.cubes,
             path,
             step_name=drawn.step_name if as_given else "cube",
             frames_per_second=rate,
@@ -468,7 +449,7 @@ def _film(options: argparse.Namespace, drawn: DrawingInput, path: Path) -> None:
         )
 
 
-def _read(source: Path, of: Path | None, system: str | None, plan_hints: PlanHints) -> DrawingInput:
+def _read(source: Path, of: Path | None, system: str | None, plan_hints: PlanHints) -> PathSteps:
     with opened(source) as file:
         if form_of(file).name != "recording":
             return _from_file(file, of, system, plan_hints)
@@ -480,8 +461,9 @@ def _read(source: Path, of: Path | None, system: str | None, plan_hints: PlanHin
         return _recorded(file)
 
 
-def _recorded(file: InputFile) -> DrawingInput:
+def _recorded(file: InputFile) -> PathSteps:
     from cubepath.coordinator.runs.gathering import gathered_in_full  # noqa: PLC0415
+    from cubepath.coordinator.shortening.path_steps import steps_gathered  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     with progress_bar(None, "read", "") as bar:
@@ -492,20 +474,13 @@ def _recorded(file: InputFile) -> DrawingInput:
         gatherer = gathered_in_full(recording)
     if recording.problems and gatherer.unfinished is not None:
         complain(f"{file.path}: {gatherer.unfinished}; nothing is drawn from there on")
-    steps = [step.actions for step in gatherer.steps]
-    return DrawingInput(
-        file.path,
-        recording.scene,
-        "level" if recording.clock == "free" else "round",
-        steps,
-        lambda: (gatherer.heap.cube_path(), gatherer.heap.normal_form()),
-        recording=recording,
-    )
+    found = steps_gathered(file.path, gatherer, free=recording.clock == "free")
+    return replace(found, recording=recording)
 
 
 def _from_file(
     file: InputFile, of: Path | None, system: str | None, plan_hints: PlanHints
-) -> DrawingInput:
+) -> PathSteps:
     from cubepath.coordinator.shortening.path_steps import certified_steps, read_steps  # noqa: PLC0415
 
     with progress_bar(None, "view", " moves") as bar:
@@ -515,15 +490,5 @@ def _from_file(
                     f"{file.path}: a certificate, which has the numbers of moves alone: expected"
                     " --of INPUT"
                 )
-            found = certified_steps(file, of, system, plan_hints, bar.update)
-        else:
-            found = read_steps(file, system, plan_hints, bar.update)
-    return DrawingInput(
-        file.path,
-        found.scene,
-        found.step_name,
-        found.steps,
-        lambda: (found.cubes, found.normal_form),
-        found.unsolved,
-        chain=found.chain,
-    )
+            return certified_steps(file, of, system, plan_hints, bar.update)
+        return read_steps(file, system, plan_hints, bar.update)

@@ -202,7 +202,13 @@ class SideBySide:
             and _content(lists[0].get(key)) != _content(lists[1].get(key))
         ]
         if different and found.message is None:
-            found.message = _message(number, different[0], lists)
+            kind, module = different[0]
+            found.message = message_difference(
+                number,
+                kind,
+                None if module < 0 else module,
+                *(each.get((kind, module)) for each in lists),
+            )
         known = bool(found.choices)
         self._choices(number, a, b, different)
         if found.choices and not known:
@@ -266,7 +272,6 @@ class ModuleStates:
     """Where modules stand in both runs by their own word, and whether the same sites are on."""
 
     def __init__(self, a: tuple[Site, ...], b: tuple[Site, ...]) -> None:
-        """Begin where modules stand at the start."""
         self.moved_apart: dict[int, int] = {}
         self._apart: list[DifferingRounds] = []
         self._begin: int | None = None
@@ -355,17 +360,17 @@ def _content(message: Any) -> dict[str, Any] | None:
     return None if message is None else msgspec.to_builtins(message)
 
 
-def _message(
-    number: int, key: tuple[str, int], lists: tuple[_Messages, _Messages]
+def message_difference(
+    number: int, kind: str, module: int | None, one: Any, two: Any
 ) -> MessageDifference:
-    kind, module = key
-    a, b = (_content(each.get(key)) for each in lists)
+    """Return how two messages of a kind differ, None where there is none."""
+    a, b = _content(one), _content(two)
     names = [*(a or {}), *(name for name in b or {} if name not in (a or {}))]
     absent = object()
     fields = tuple(
         name for name in names if (a or {}).get(name, absent) != (b or {}).get(name, absent)
     )
-    return MessageDifference(number, kind, None if module < 0 else module, a, b, fields)
+    return MessageDifference(number, kind, module, a, b, fields)
 
 
 Chosen = tuple[str, Site | None] | None

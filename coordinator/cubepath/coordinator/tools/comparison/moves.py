@@ -7,12 +7,11 @@ rounds, up to swapping, and up to cancelling.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Iterator, Sequence, Set as AbstractSet
 from dataclasses import replace
 from itertools import islice, zip_longest
 from math import inf
-from typing import Any, NamedTuple
+from typing import Any
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gathering import gathered
@@ -22,7 +21,11 @@ from cubepath.coordinator.shortening.path_input import (
     read_input,
     starts_to_compare,
 )
-from cubepath.coordinator.tools.comparison.results import MoveDifference, PathComparison
+from cubepath.coordinator.tools.comparison.results import (
+    MoveDifference,
+    PathComparison,
+    RunComparison,
+)
 from cubepath.coordinator.verification.choices import Moment
 from cubepath.coordinator.verification.dependencies import difference, label_of
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans
@@ -35,7 +38,7 @@ from cubepath.coordinator.verification.transcript import (
 )
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.file_forms import PlanHints, form_of
@@ -206,15 +209,14 @@ def action_text(generator: str, at: Any) -> str:
 
 
 class Path:
-    """The moves of a run: for each its round, mover and action, in 16 bytes."""
+    """The moves of a run: for each its action, and its round and mover."""
 
     def __init__(self, system: System) -> None:
-        """Begin without moves."""
         self._system = system
-        self._numbers: dict[tuple[str, Site], int] = {}
-        self._actions: list[Action] = []
-        self._moves = array("i")
-        self._places = array("q")
+        self._known: dict[tuple[str, Site], Action] = {}
+        self.actions: list[Action] = []
+        """The actions in order."""
+        self._places: list[tuple[int, int]] = []
         self.wrong: str | None = None
         """Why the path is not known, if a move is none of the system."""
 
@@ -226,22 +228,16 @@ class Path:
     def move(self, number: int, module: int, generator: str, at: Site) -> None:
         """Add a move."""
         place: Any = at  # what is none is none of the system
-        known = self._numbers.get((generator, place))
+        known = self._known.get((generator, place))
         if known is None:
             try:
                 action = self._system.action(generator, place)
             except (InputError, TypeError, ValueError, IndexError) as error:
                 self.wrong = self.wrong or f"round {number}, module_{module}: {error}"
                 return
-            known = self._numbers[generator, place] = len(self._actions)
-            self._actions.append(named(action, generator, place))
-        self._moves.append(known)
-        self._places.extend((number, module))
-
-    @property
-    def actions(self) -> list[Action]:
-        """The actions in order."""
-        return [self._actions[number] for number in self._moves]
+            known = self._known[generator, place] = named(action, generator, place)
+        self.actions.append(known)
+        self._places.append((number, module))
 
     def identical(self, other: Path) -> bool:
         """Return whether both have equal moves, by the same modules in the same rounds."""
@@ -342,18 +338,9 @@ def first_other(one: Sequence[Action], two: Sequence[Action]) -> int | None:
     return next((number for number, (move, other) in both if move != other), None)
 
 
-class FilesCompared(NamedTuple):
-    """What comparing the moves of two files finds."""
-
-    move: MoveDifference | None
-    paths: PathComparison
-    scene: str | None
-    notes: list[str]
-
-
 def compare_files(
-    a: Recording | Source, b: Recording | Source, system: str | None, hints: PlanHints
-) -> FilesCompared:
+    a: Recording | InputFile, b: Recording | InputFile, system: str | None, hints: PlanHints
+) -> RunComparison:
     """Compare the moves of two files of any kind; errors as for `read_input`."""
     notes: list[str] = []
     files = [None if isinstance(each, Recording) else each for each in (a, b)]
@@ -381,7 +368,17 @@ def compare_files(
     identical = first is None and starts[0] == starts[1]
     paths = compare_paths(one.actions, two.actions, starts, None, identical=identical)
     end, unknown = _ends(one, two, homotopic=paths.homotopic is None)
-    return FilesCompared(move, replace(paths, end=end, end_unknown=unknown), scene, notes)
+    return RunComparison(
+        a=str(a.path),
+        b=str(b.path),
+        clock="moves",
+        same=paths.identical,
+        scene=scene,
+        compared="the moves, in their order; nothing else is in both",
+        notes=tuple(notes),
+        move=move,
+        paths=replace(paths, end=end, end_unknown=unknown),
+    )
 
 
 def _ends(one: PathInput, two: PathInput, *, homotopic: bool) -> tuple[str | None, str | None]:
@@ -409,7 +406,7 @@ def _ends(one: PathInput, two: PathInput, *, homotopic: bool) -> tuple[str | Non
 
 
 def _moves_in(
-    source: Recording | Source, system: str | Scene | None, hints: PlanHints
+    source: Recording | InputFile, system: str | Scene | None, hints: PlanHints
 ) -> tuple[PathInput, list[str]]:
     """Return a path, and what is odd with the recording that it is of."""
     if not isinstance(source, Recording):
@@ -422,7 +419,7 @@ def _moves_in(
 
 
 def _system_for(
-    source: Recording | Source, other: Recording | Source, system: str | None
+    source: Recording | InputFile, other: Recording | InputFile, system: str | None
 ) -> str | Scene | None:
     """Return the system whose moves a file names: the one given, or that of the other recording."""
     if isinstance(source, Recording):
@@ -432,7 +429,7 @@ def _system_for(
     return other.scene
 
 
-def _names_generators(source: Source) -> bool:
+def _names_generators(source: InputFile) -> bool:
     """Return whether a file names moves by their generators or ends alone."""
     with opened(source) as file:
         return form_of(file).name == "plain" or any(

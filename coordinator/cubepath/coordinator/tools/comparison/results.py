@@ -195,7 +195,6 @@ class RunComparison:
         return answer(self)
 
     def __str__(self) -> str:
-        """Return what is found, for people."""
         return comparison_text(self)
 
     def document(self) -> dict[str, Any]:

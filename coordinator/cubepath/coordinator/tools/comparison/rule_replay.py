@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cubepath.agents.local.random_streams import HESITATE, RULE, RandomStream, stream
-from cubepath.agents.rules.actor import Actor
+from cubepath.agents.local.random_streams import HESITATE, RandomStream, stream
+from cubepath.agents.rules.actor import Actor, knowledge_of
 from cubepath.agents.rules.registry import is_in_file, rule_named
-from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
+from cubepath.agents.rules.rule import Choice, RuleType
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.tools.comparison.lockstep import chosen, note_of
 from cubepath.coordinator.tools.comparison.moves import Contradiction, Reading, moments
@@ -162,16 +162,9 @@ class RuleReplayer:
         rule = self._found(way, clock)
         if rule is None or way.seed is None or way.hesitate is None:
             return
-        self._stream = stream(way.seed, module, RULE)
+        knowledge = knowledge_of(scene, module, start, way.seed)
+        self._stream = knowledge.stream
         self._doubt = stream(way.seed, module, HESITATE) if way.hesitate else None
-        knowledge = InitialKnowledge(
-            system=scene.system,
-            module=module,
-            modules=len(scene.start),
-            start=start,
-            goals=scene.goals[module] if scene.goals else (),
-            stream=self._stream,
-        )
         try:
             self.length = rule.length(len(scene.start), clock)
             if self.length:

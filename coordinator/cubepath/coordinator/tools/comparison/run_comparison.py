@@ -13,14 +13,13 @@ from dataclasses import replace
 from filecmp import cmp
 from pathlib import Path
 
-import msgspec
-
 from cubepath.coordinator.runs.contents import counted_processes
 from cubepath.coordinator.tools.comparison.free import compare_free
 from cubepath.coordinator.tools.comparison.lockstep import (
     ComparisonScope,
     FoundDifferences,
     SideBySide,
+    message_difference,
 )
 from cubepath.coordinator.tools.comparison.moves import (
     Reading,
@@ -45,7 +44,6 @@ from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.file_forms import NO_HINTS, PlanHints, form_of
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.wire.messages import Summary
 
 COMPARED_KINDS = ("presence", "note", "claim", "verdict", "report", "edges", "cube", "summary")
 """The kinds of messages that are compared, in the order of a round and then of the end."""
@@ -160,7 +158,7 @@ def diff(
         one, two = (_recording(each, stack) for each in (a, b))
         check_use(one, two, asked, system, hints)
         if not isinstance(one, Recording) or not isinstance(two, Recording):
-            return _moves_alone(one, two, system, hints)
+            return compare_files(one, two, system, hints)
         parameters = _parameters(one, two)
         scene = scenes_text(one.scene, two.scene)
         if one.scene.family != two.scene.family:
@@ -169,7 +167,7 @@ def diff(
                 " have nothing in common: expected two runs of one family"
             )
         if one.clock != two.clock:
-            return replace(_moves_alone(one, two, system, hints), parameters=parameters)
+            return replace(compare_files(one, two, system, hints), parameters=parameters)
         found = compare_free(one, two) if one.clock == "free" else _with_rounds(one, two, asked)
         # A recording that was read before may be another than the file now is.
         as_files = not isinstance(a, Recording) and not isinstance(b, Recording)
@@ -196,23 +194,6 @@ def _recording(source: Recording | Source, stack: ExitStack) -> Recording | Inpu
         return source
     file = stack.enter_context(opened(source))
     return read_recording(file) if form_of(file).name == "recording" else file
-
-
-def _moves_alone(
-    a: Recording | InputFile, b: Recording | InputFile, system: str | None, hints: PlanHints
-) -> RunComparison:
-    move, paths, scene, notes = compare_files(a, b, system, hints)
-    return RunComparison(
-        a=str(a.path),
-        b=str(b.path),
-        clock="moves",
-        same=paths.identical,
-        scene=scene,
-        compared="the moves, in their order; nothing else is in both",
-        notes=tuple(notes),
-        move=move,
-        paths=paths,
-    )
 
 
 def _parameters(a: Recording, b: Recording) -> dict[str, tuple[str | None, str | None]]:
@@ -409,16 +390,8 @@ def _results(readings: tuple[Reading, Reading]) -> MessageDifference | None:
         return None
     for cube, other in zip(one.result, two.result, strict=False):
         if cube != other:
-            return _message("cube", cube.round, cube, other)
+            return message_difference(cube.round, "cube", None, cube, other)
     if any(getattr(one.summary, key) != getattr(two.summary, key) for key in _RESULTS):
-        return _message("summary", one.summary.round, one.summary, two.summary)
+        found = message_difference(one.summary.round, "summary", None, one.summary, two.summary)
+        return replace(found, fields=tuple(name for name in found.fields if name in _RESULTS))
     return None
-
-
-def _message(kind: str, number: int, a: msgspec.Struct, b: msgspec.Struct) -> MessageDifference:
-    one, two = (msgspec.to_builtins(each) for each in (a, b))
-    names = [*one, *(name for name in two if name not in one)]
-    if isinstance(a, Summary):
-        names = [name for name in names if name in _RESULTS]
-    fields = tuple(name for name in names if one.get(name) != two.get(name))
-    return MessageDifference(number, kind, None, one, two, fields)

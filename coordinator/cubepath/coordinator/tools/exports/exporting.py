@@ -49,17 +49,7 @@ _MADE_OF = {
 _WHY = (*LEFT_OUT, cutting.FILTERED, cutting.SPLIT)
 
 
-@dataclass(frozen=True, slots=True)
-class RowSelection:
-    """What is wanted of a recording: a table, and which of its rows.
-
-    `selection` has the range of rounds, and for messages the topics. `kinds` are for messages: the
-    parts of batches are kinds too.
-    """
-
-    table: str = "moves"
-    selection: cutting.MessageSelection = cutting.MessageSelection()  # noqa: RUF009 - it is not changed
-    kinds: tuple[str, ...] = ()
+ALL = cutting.MessageSelection()
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,33 +60,40 @@ class RecordingTable:
     batches: Iterator[Rows]
 
 
-def table_of(recording: Recording, wanted: RowSelection) -> RecordingTable:
+def table_of(
+    recording: Recording,
+    name: str = "moves",
+    selection: cutting.MessageSelection = ALL,
+    kinds: tuple[str, ...] = (),
+) -> RecordingTable:
     """Return a table of a recording; its rows are read while they are asked for.
+
+    `selection` has the range of rounds, and for messages the topics. `kinds` are for messages: the
+    parts of batches are kinds too.
 
     InputError if there is no such table or kind, if topics are asked of another table than that of
     messages, if what the table is made of was left out of the recording, if levels are asked of
     messages that have none, and, while rows are read, where a message cannot be decoded.
 
-    >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), RowSelection("rounds"))
+    >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), "rounds")
     >>> found.columns[:3], next(found.batches)[1][:3]
     (('round', 'messages', 'bytes'), (1, 22, 3599))
     """
-    name, selection = wanted.table, wanted.selection
     if name not in TABLES:
         near = did_you_mean(name, TABLES)
         raise InputError(f"unknown table {name!r}{near}, expected one of {', '.join(TABLES)}")
-    if name != "messages" and (selection.topics or selection.exclude or wanted.kinds):
+    if name != "messages" and (selection.topics or selection.exclude or kinds):
         raise InputError(f"table {name} has no topics and kinds, expected table messages")
-    if wanted.kinds and not recording.of_keys:
-        recording.messages(wanted.kinds)  # refuses unknown kinds
+    if kinds and not recording.of_keys:
+        recording.messages(kinds)  # refuses unknown kinds
     if name in {"claims", "messages"}:
         check_levels(recording, selection)
     _check_there(recording, name)
     if name == "messages" and recording.of_keys:
-        cutting.check_topics(recording, cutting.MessageSelection(wanted.kinds), of="kind")
-        return RecordingTable(_ON_KEYS, _messages_on_keys(recording, wanted))
+        cutting.check_topics(recording, cutting.MessageSelection(kinds), of="kind")
+        return RecordingTable(_ON_KEYS, _messages_on_keys(recording, selection, kinds))
     if name == "messages":
-        return RecordingTable(_MESSAGES, _messages(recording, wanted))
+        return RecordingTable(_MESSAGES, _messages(recording, selection, kinds))
     if name == "rounds":
         return RecordingTable(_ROUNDS, _within(_rounds(recording), selection))
     columns = _columns(recording.moves if name == "moves" else recording.claims, recording)
@@ -153,8 +150,9 @@ def _derived(recording: Recording, name: str) -> Iterator[Rows]:
 _MESSAGES = ("round", "wall_ns", "sequence", "kind", "sender", "bytes", "message")
 
 
-def _messages(recording: Recording, wanted: RowSelection) -> Iterator[Rows]:
-    selection, kinds = wanted.selection, wanted.kinds
+def _messages(
+    recording: Recording, selection: cutting.MessageSelection, kinds: tuple[str, ...]
+) -> Iterator[Rows]:
     for records, _ in recording.blocks():
         found: Iterable[Record] = filter(selection.keeps, records)
         if kinds:
@@ -166,15 +164,17 @@ _ON_KEYS = (*_MESSAGES, "attachment")
 _BASE64 = "base64:"
 
 
-def _messages_on_keys(recording: Recording, wanted: RowSelection) -> Iterator[Rows]:
+def _messages_on_keys(
+    recording: Recording, selection: cutting.MessageSelection, kinds: tuple[str, ...]
+) -> Iterator[Rows]:
     attached: str | None = None  # it stands right before its message
     for records, _ in recording.blocks():
         rows: Rows = []
-        for record in filter(wanted.selection.keeps, records):
+        for record in filter(selection.keeps, records):
             if record.topic.endswith(ATTACHMENT):
                 attached = _text(record.data)
                 continue
-            if not wanted.kinds or record.topic in wanted.kinds:
+            if not kinds or record.topic in kinds:
                 rows.append((*_message(recording, record), attached))
             attached = None
         yield rows
@@ -308,10 +308,8 @@ def _grouped(batches: Iterator[list[Any]]) -> Iterator[list[Any]]:
 def write_json(stream: IO[bytes], table: RecordingTable, _parameters: Mapping[str, str]) -> int:
     """Write a table as one JSON list of objects, a line each."""
     count = 0
-    for line in _lines(table):
-        stream.write(b",\n" if count else b"[")
-        stream.write(line)
-        count += 1
+    for count, line in enumerate(_lines(table), 1):
+        stream.write((b"[" if count == 1 else b",\n") + line)
     stream.write(b"]\n" if count else b"[]\n")
     return count
 
@@ -320,8 +318,7 @@ def write_jsonl(stream: IO[bytes], table: RecordingTable, _parameters: Mapping[s
     """Write a table as JSON Lines: an object a line."""
     count = 0
     for line in _lines(table):
-        stream.write(line)
-        stream.write(b"\n")
+        stream.write(line + b"\n")
         count += 1
     return count
 
@@ -444,27 +441,31 @@ def export(
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     named = form_of(out, form)
-    wanted = RowSelection(
-        table, cutting.MessageSelection(tuple(topics), tuple(exclude), first, until), tuple(kinds)
-    )
+    selection = cutting.MessageSelection(tuple(topics), tuple(exclude), first, until)
     if recording.of_keys and (table != "messages" or named in (*VIEWERS, "moves")):
         raise InputError(
             f"{recording.path}: messages on any keys, expected --table messages as a table, or the"
             " recording of a run"
         )
-    cutting.check_topics(recording, wanted.selection)
+    cutting.check_topics(recording, selection)
     if named in VIEWERS:
         times = viewers.times_of(recording, log_time, round_seconds)
-        return _viewed(recording, out, named, wanted, times, in_space=foxglove)
+        of_messages = bool(selection.topics or selection.exclude)
+        if table != "moves" or kinds or (of_messages and named == "rrd"):
+            raise InputError(
+                f"{out}: a file for viewers has no tables and no kinds, expected a choice by rounds"
+                + ("" if named == "rrd" else " and topics")
+            )
+        return _viewed(recording, out, named, selection, times, in_space=foxglove)
     if log_time is not None or round_seconds is not None or foxglove:
         raise InputError(
             f"{out}: {named} has no time line and no space, expected .mcap or .rrd for them"
         )
     if named == MOVES:
-        if wanted != RowSelection():
+        if table != "moves" or kinds or selection != ALL:
             raise InputError("moves: a moves file has all moves, expected no choice among them")
         return ExportResult(MOVES, MOVES, convert(recording.path, out).count)
-    found = table_of(recording, wanted)
+    found = table_of(recording, table, selection, tuple(kinds))
     with written_whole(out) as stream:
         try:
             count = WRITERS[named](stream, found, recording.parameters)
@@ -477,19 +478,12 @@ def _viewed(
     recording: Recording,
     out: Path,
     form: str,
-    wanted: RowSelection,
+    selection: cutting.MessageSelection,
     times: viewers.ExportTimes,
     *,
     in_space: bool,
 ) -> ExportResult:
     """Write a file for viewers."""
-    selection = wanted.selection
-    of_messages = bool(selection.topics or selection.exclude)
-    if wanted.table != RowSelection().table or wanted.kinds or (of_messages and form == "rrd"):
-        raise InputError(
-            f"{out}: a file for viewers has no tables and no kinds, expected a choice by rounds"
-            + ("" if form == "rrd" else " and topics")
-        )
     if form != "rrd":
         check_levels(recording, selection)
     with written_whole(out) as stream:

@@ -47,13 +47,6 @@ _GHOST = 0.3
 _NS = 1_000_000_000
 
 
-class EncodedMessage(NamedTuple):
-    """A message for viewers."""
-
-    topic: str
-    data: bytes
-
-
 def library() -> ModuleType:
     """Return the messages of the library; InputError says how to install it."""
     try:
@@ -83,7 +76,7 @@ class SceneEncoder:
         }
         return {topic: (each.name, each.encoding, each.data) for topic, each in found.items()}
 
-    def ground(self, log_time: int) -> EncodedMessage:
+    def ground(self, log_time: int) -> tuple[str, bytes]:
         """Return what does not move: obstacles, the goal, and lines between places."""
         messages, system = self._messages, self._scene.system
         entities = [
@@ -95,7 +88,7 @@ class SceneEncoder:
             for one, other in system.lines()
         ]
         entities.append(self._entity("lines", log_time, lines=lines))
-        return EncodedMessage("/robot/ground", messages.SceneUpdate(entities=entities).encode())
+        return "/robot/ground", messages.SceneUpdate(entities=entities).encode()
 
     def _middle(self, place: Site) -> tuple[float, float, float]:
         label = self._scene.system.labels
@@ -111,7 +104,9 @@ class SceneEncoder:
             self._solid(parts, body, parts_of(colour), 0.6)
         return self._entity(name, log_time, **parts)
 
-    def state(self, state: RunState, log_time: int, part: float = 1.0) -> Iterator[EncodedMessage]:
+    def state(
+        self, state: RunState, log_time: int, part: float = 1.0
+    ) -> Iterator[tuple[str, bytes]]:
         """Yield the messages of a state: the scene and the transforms.
 
         With a `part` below 1, modules that moved are on their ways.
@@ -123,7 +118,7 @@ class SceneEncoder:
             self._module(number, state, log_time, hues[number], body)
             for number, body in enumerate(bodies)
         ]
-        yield EncodedMessage("/robot/modules", messages.SceneUpdate(entities=entities).encode())
+        yield "/robot/modules", messages.SceneUpdate(entities=entities).encode()
         transforms = [
             messages.FrameTransform(
                 timestamp=self._timestamp(log_time),
@@ -135,7 +130,7 @@ class SceneEncoder:
             for number, body in enumerate(bodies)
             if body is not None
         ]
-        yield EncodedMessage("/tf", messages.FrameTransforms(transforms=transforms).encode())
+        yield "/tf", messages.FrameTransforms(transforms=transforms).encode()
 
     def _module(
         self, number: int, state: RunState, log_time: int, hue: Colour, body: Solid | None

@@ -48,7 +48,6 @@ class Levels:
     """Moves by level, in a level by generator and place, as recordings have them."""
 
     def __init__(self, system: System) -> None:
-        """Begin with none."""
         self._system = system
         self._levels: list[list[tuple[str, bytes]]] = []
         self._actions: dict[tuple[str, bytes], Action] = {}
@@ -318,11 +317,9 @@ class RemoteRunPage:
         self._feed.end(document)
 
     def __enter__(self) -> Self:
-        """Return the run, which is watched."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the run, and serve the page no more."""
         if self.ended is None:
             self._end("left", "the process that fed this page has left the run")
         self._session.close()

@@ -171,7 +171,6 @@ class RecentMessages:
     """What came in the last seconds, and takes no more than this many bytes."""
 
     def __init__(self, seconds: float, bytes_max: int) -> None:
-        """Begin empty."""
         self._span_ns = int(seconds * 1e9)
         self._most = bytes_max
         self._kept: deque[RecordedMessage] = deque()

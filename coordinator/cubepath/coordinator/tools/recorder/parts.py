@@ -1,21 +1,26 @@
-"""Which messages of a run are recorded, under which topic KIND/SENDER, and in which files.
+"""Which messages are recorded, under which topic, and in which files.
+
+Of a run the topic is KIND/SENDER; of messages on any keys it is their key.
 
 Each of several files is a complete recording, closed before the next begins.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+import zenoh
+
 from cubepath.coordinator.runs.asking import RunInfo
-from cubepath.coordinator.tools.recorder.backlog import RecordedMessage
+from cubepath.coordinator.tools.recorder.backlog import ReceivedMessage, RecordedMessage
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.cutting import MessageSelection
-from cubepath.protocol.recordings.description import ATTACHED, KEYS_FORMAT, PART
+from cubepath.protocol.recordings.description import ATTACHED, KEYS, KEYS_FORMAT, PART
+from cubepath.protocol.recordings.plain_messages import ATTACHMENT, DELETE
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.free_messages import FREE_KINDS
@@ -67,6 +72,45 @@ class Topics:
         return known
 
 
+def about_keys(keys: str) -> RunInfo:
+    """Return how a recording of these keys begins; InputError if they are no key expression."""
+    try:
+        zenoh.KeyExpr(keys)
+    except zenoh.ZError:
+        raise InputError(
+            f"keys={keys}: no key expression, expected parts with / in between, as robot/**"
+        ) from None
+    return RunInfo("", KEYS_FORMAT, {KEYS: keys, "log_time": "wall"}, "")
+
+
+class KeyTopics:
+    """The topics of messages on any keys, which are their keys."""
+
+    def __init__(self, topics: Sequence[str] = (), exclude: Sequence[str] = ()) -> None:
+        """Record what `MessageSelection` takes."""
+        self.has = MessageSelection(tuple(topics), tuple(exclude)).takes_topic
+
+    def of(self, key: str) -> tuple[str, bool]:
+        """Return the topic of a key, and whether it is recorded."""
+        return key, self.has(key)
+
+
+def stored_messages(topic: str, heard: ReceivedMessage) -> Iterator[RecordedMessage]:
+    """Yield what stands in a recording for a message on any key: its attachment, and itself."""
+    plain = heard.plain
+    if plain is None:
+        raise AssertionError("a message of a run")  # it has a round or a level
+    if plain.attachment is not None:
+        yield _stored(topic + ATTACHMENT, plain.attachment, heard)
+    yield _stored(topic + DELETE if plain.deleted else topic, heard.data, heard)
+
+
+def _stored(topic: str, data: bytes, heard: ReceivedMessage) -> RecordedMessage:
+    plain, at = heard.plain, heard.wall_ns
+    sent_ns = at if plain is None or plain.sent_ns is None else plain.sent_ns
+    return RecordedMessage(topic, data, at, at, 0, sent_ns, None if plain is None else plain.put)
+
+
 NOTES = "cubepath-attached"
 """The name of the metadata record that tells what is missing."""
 _PARTS_MAX = 1_000_000
@@ -96,8 +140,6 @@ class RecordingParts:
         splitting: SplitLimits,
         notes: Callable[[], Mapping[str, str]],
         parameters: Mapping[str, str],
-        *,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Begin no file yet; `notes` is asked for the last record of each.
 
@@ -110,7 +152,6 @@ class RecordingParts:
         self._splitting = splitting
         self._notes = notes
         self._parameters = parameters
-        self._clock = clock
         self._scene: Scene | None = None
         if about.format != KEYS_FORMAT:
             self._scene = scene_from_toml(about.scene, f"run {about.run} (scene)")
@@ -145,7 +186,7 @@ class RecordingParts:
             return round_begins or writer.has(most + _OVER_BYTES)
         if splitting.seconds is None:
             return False
-        over = self._clock() - self._until
+        over = time.monotonic() - self._until
         return over >= 0 and (round_begins or over >= _OVER_S)
 
     def _begin(self, begins: int) -> RecordingWriter:
@@ -164,7 +205,7 @@ class RecordingParts:
             written_as=self._about.format,
         )
         self.paths.append(path)
-        self._until = self._clock() + (self._splitting.seconds or 0.0)
+        self._until = time.monotonic() + (self._splitting.seconds or 0.0)
         return writer
 
     def _end(self, writer: RecordingWriter) -> None:

@@ -20,7 +20,6 @@ import zenoh
 
 from cubepath.coordinator.runs.asking import RunInfo, about_key, find_run
 from cubepath.coordinator.runs.plan import name_part
-from cubepath.coordinator.tools.recorder.any_keys import KeyTopics, about_keys, stored_messages
 from cubepath.coordinator.tools.recorder.backlog import (
     Backlog,
     ReceivedMessage,
@@ -28,7 +27,15 @@ from cubepath.coordinator.tools.recorder.backlog import (
     RecordedMessage,
 )
 from cubepath.coordinator.tools.recorder.losses import LossCounter
-from cubepath.coordinator.tools.recorder.parts import RecordingParts, SplitLimits, Topics, numbered
+from cubepath.coordinator.tools.recorder.parts import (
+    KeyTopics,
+    RecordingParts,
+    SplitLimits,
+    Topics,
+    about_keys,
+    numbered,
+    stored_messages,
+)
 from cubepath.coordinator.tools.recorder.turns import MessageOrder, MessageTimes, OrderedMessage
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.formatting import counted
@@ -437,11 +444,9 @@ class Recorder:
             raise failed
 
     def __enter__(self) -> Self:
-        """Return the recorder, which is at work."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave."""
         self.stop()
 
 

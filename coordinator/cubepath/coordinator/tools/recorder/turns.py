@@ -29,7 +29,6 @@ class MessageTimes:
     """Tells log times; one that cannot be read is that of the message before."""
 
     def __init__(self, about: RunInfo) -> None:
-        """Begin before the first message."""
         self._free = about.format == FREE_FORMAT
         self._by_wall = about.parameters.get("log_time") == "wall"
         self._now = about.round if self._free else 0
