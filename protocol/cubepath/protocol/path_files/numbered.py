@@ -23,7 +23,7 @@ from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Sourc
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.path_files.contents import Contents, OddError, read_contents
+from cubepath.protocol.path_files.contents import ContentsReader, OddError
 from cubepath.protocol.path_files.moves import (
     CubeName,
     MoveName,
@@ -190,6 +190,7 @@ class IrregularError(CubepathError):
     """`read_path` cannot read the path; `read_moves` can, or says what is wrong."""
 
 
+@collector_paused()
 def read_path(
     source: Source, scene: Scene | None = None, progress: Progress | None = None
 ) -> NumberedPath:
@@ -317,7 +318,7 @@ def _from_lines(file: InputFile, scene: Scene | None, progress: Progress | None)
         stream.seek(begin)
         if first and is_by_generator(first):
             return _by_generators(stream, scene, progress)
-        return _by_contents(read_contents(stream, progress))
+        return _by_contents(stream, progress)
     except OSError as error:
         raise InputError(f"{file.path}: {error.strerror or error}") from None
     except (
@@ -330,7 +331,13 @@ def _from_lines(file: InputFile, scene: Scene | None, progress: Progress | None)
         raise IrregularError(f"{file.path}: {error}") from None
 
 
-def _by_contents(found: Contents) -> NumberedPath:
+def _by_contents(stream: BinaryIO, progress: Progress | None) -> NumberedPath:
+    reader = ContentsReader()
+    for lines in _portions(stream):
+        reader.take(lines)
+        if progress is not None:
+            progress(len(lines))
+    found = reader.contents()
     stated = found.supports.rows.stated.tolist()
     names: list[MoveName] = [*found.ids]
     if not all(stated):
