@@ -48,7 +48,7 @@ class Recording(Displayed):
     path: Path
     parameters: Mapping[str, str]
     stored_scene: Scene | None
-    """None if it is of messages on any keys."""
+    """None if it is of messages on any keys, or lost."""
     records: Sequence[stored_messages.Record]
     problems: tuple[str, ...]
     schedule: bytes | None = None
@@ -64,9 +64,10 @@ class Recording(Displayed):
 
     @property
     def scene(self) -> Scene:
-        """Return the scene of the run; InputError if it is of no run."""
+        """Return the scene of the run; InputError if it is of no run, or the scene is lost."""
         if self.stored_scene is None:
-            raise InputError(f"{self.path}: messages on any keys, expected the recording of a run")
+            what = "messages on any keys" if self.of_keys else "its scene is lost"
+            raise InputError(f"{self.path}: {what}, expected the recording of a run")
         return self.stored_scene
 
     @property

@@ -37,7 +37,6 @@ from cubepath.protocol.wire.on_record import schema_of
 
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import Recording
-    from cubepath.protocol.recordings.remains import Remains
     from cubepath.protocol.recordings.stored_messages import Record
 
 FLUSH_S = 0.5
@@ -391,7 +390,7 @@ def refuse_existing(path: Path) -> None:
         raise _exists(path)
 
 
-def refuse_source(recording: Recording | Remains, out: Path) -> None:
+def refuse_source(recording: Recording, out: Path) -> None:
     """Raise InputError if a file to write is the recording itself, or exists already."""
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
@@ -399,7 +398,7 @@ def refuse_source(recording: Recording | Remains, out: Path) -> None:
 
 
 def copy_to(
-    stream: IO[bytes], out: Path, like: Recording | Remains, notes: Mapping[str, str]
+    stream: IO[bytes], out: Path, like: Recording, notes: Mapping[str, str]
 ) -> RecordingWriter:
     """Return a writer of a recording of the same run, with other parameters."""
     return RecordingWriter(
@@ -420,9 +419,7 @@ def append(writer: RecordingWriter, records: Iterable[Record]) -> None:
         )
 
 
-def copy_recording(
-    recording: Recording | Remains, out: Path, notes: Mapping[str, str] | None = None
-) -> int:
+def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
     """Write what could be read as a complete recording, in its format; return the message count.
 
     Messages keep their numbers, so that a hole between them can be seen. `notes` are parameters to
