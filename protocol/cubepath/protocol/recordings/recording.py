@@ -250,16 +250,7 @@ def read_recording(source: Source) -> Recording:
     written_as, parameters = description.parameters_in(found.path, found.salvage, problems)
     of_keys = written_as == description.KEYS_FORMAT
     scene = None if of_keys else description.scene_in(found.path, found.salvage)
-    return Recording(
-        found.path,
-        parameters,
-        scene,
-        found.records,
-        (*problems, *found.behind(problems)),
-        found.schedule,
-        found.size,
-        written_as,
-    )
+    return found.recording(written_as, parameters, scene, problems)
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,20 +267,34 @@ class FileContents:
         """Return what is wrong with the file."""
         return tuple(self.salvage.problems)
 
-    def behind(self, problems: Sequence[str]) -> Iterator[str]:
+    def _behind(self, problems: Sequence[str]) -> Iterator[str]:
         """Yield what else is wrong, where so much is known to be."""
         if self.records.lost:
             yield f"{self.records.lost} messages belong to channels that are lost"
         elif self.salvage.gap is not None and not problems:
             yield self.salvage.gap
 
-    @property
-    def schedule(self) -> bytes | None:
-        """Return the text of the schedule, if there is one."""
+    def recording(
+        self,
+        written_as: str,
+        parameters: Mapping[str, str],
+        scene: Scene | None,
+        problems: Sequence[str],
+    ) -> Recording:
+        """Return the recording with what was found in it, and what else is wrong."""
         schedules = (
             each.data for each in self.salvage.attachments if each.name == description.SCHEDULE
         )
-        return next(schedules, None)
+        return Recording(
+            self.path,
+            parameters,
+            scene,
+            self.records,
+            (*problems, *self._behind(problems)),
+            next(schedules, None),
+            self.size,
+            written_as,
+        )
 
 
 def read(source: Source) -> FileContents:

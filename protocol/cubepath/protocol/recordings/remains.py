@@ -34,16 +34,7 @@ def remains_of(source: Source) -> Recording:
             scene = description.scene_in(found.path, found.salvage)
     except InputError:
         problems.append("its scene is lost")
-    return Recording(
-        found.path,
-        parameters,
-        scene,
-        found.records,
-        (*problems, *found.behind(problems)),
-        found.schedule,
-        found.size,
-        written_as,
-    )
+    return found.recording(written_as, parameters, scene, problems)
 
 
 def _described(found: FileContents, problems: list[str]) -> tuple[str, dict[str, str]]:
