@@ -31,7 +31,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 
 CASES = [
     (spec.format(n=count), rule, environments)
-    for spec, rule in (("hex:n={n}", "random"), ("hex:n={n}", "chain"), ("arm:n={n}", "word"))
+    for spec, rule in (("hex:n={n}", "random"), ("hex:n={n}", "chain"))
     for count, environments in ((12, 10), (12, 1000), (120, 10), (120, 100))
 ]
 ROUNDS = 12

@@ -9,11 +9,7 @@ from random import Random
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.path_files.certificates import certificate_from_json
-from cubepath.protocol.path_files.durations import (
-    read_durations,
-    read_timetable,
-    schedule_from_jsonl,
-)
+from cubepath.protocol.path_files.durations import read_durations, schedule_from_jsonl
 from cubepath.protocol.path_files.following import read_following
 from cubepath.protocol.path_files.moves import read_cubes, read_moves
 from cubepath.protocol.path_files.numbered import IrregularError, read_path
@@ -35,7 +31,6 @@ FOLLOWING = (
     b'{"format":"cubepath-following-1","rule":"mapf","vehicles":1,"moves":1,"rounds":1}\n'
     b'{"vehicle":0,"from":[0,0],"to":[1,0],"round":1}\n'
 )
-TIMES = b'{"start":"1/2","duration":2,"move":{"generator":"edge","at":[0,1]}}\n' * 2
 DURATIONS = (
     b'{"format":"cubepath-durations-1","default":1,"generators":{"edge":"1/2"},"ids":{"a":2},'
     b'"moves":[{"generator":"edge","at":[0,1],"duration":2.5}]}'
@@ -76,7 +71,6 @@ FILES: tuple[Callable[[Random], object], ...] = (
     _moves,
     lambda random: list(read_cubes(_file(changed_lines(random, CUBES)))),
     lambda random: schedule_from_jsonl(changed_lines(random, SCHEDULE)),
-    lambda random: list(read_timetable(_file(changed_lines(random, TIMES)))),
     lambda random: read_following(_file(changed_lines(random, FOLLOWING))),
     lambda random: read_durations(_file(changed_json(random, DURATIONS), "junk.json")),
     lambda random: certificate_from_json(changed_json(random, CERTIFICATE)),

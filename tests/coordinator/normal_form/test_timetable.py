@@ -16,12 +16,7 @@ from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, 
 from cubepath.protocol.core.actions import Action, apply, commute
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.path_files.durations import (
-    Durations,
-    TimedLine,
-    read_timetable,
-    write_timetable,
-)
+from cubepath.protocol.path_files.durations import Durations, TimedLine, write_timetable
 from cubepath.protocol.path_files.moves import MoveName, PathMove
 from samples.strategies import (
     SCENES,
@@ -228,15 +223,15 @@ def test_equal_moves_must_take_equal_time() -> None:
 # Timetables
 
 
-def test_a_timetable_is_read_back(tmp_path: Path) -> None:
-    """Lines as they were written; what is no line of one is refused with its number."""
+def test_a_timetable_has_a_line_for_each_move(tmp_path: Path) -> None:
+    """When it begins, how long it takes, and how it is written."""
     path = tmp_path / "t.jsonl"
     lines = [TimedLine(0, "3/2", GeneratorPlacement("edge", (0, 1))), TimedLine("3/2", 2, "a")]
     write_timetable(path, lines)
-    assert list(read_timetable(path)) == lines
-    path.write_text(path.read_text() + '{"start":"x","duration":1,"move":1}\n')
-    with pytest.raises(InputError, match=r"t\.jsonl:3: found the time 'x'"):
-        list(read_timetable(path))
+    assert path.read_text().splitlines() == [
+        '{"start":0,"duration":"3/2","move":{"generator":"edge","at":[0,1]}}',
+        '{"start":"3/2","duration":2,"move":"a"}',
+    ]
 
 
 def test_of_the_moves_that_are_left_the_times_are_those_of_the_reduced_path() -> None:

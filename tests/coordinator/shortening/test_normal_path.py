@@ -17,7 +17,7 @@ from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.catalogue import GeneratorPlacement, Move
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.path_files import contents, supports
+from cubepath.protocol.path_files import supports
 from cubepath.protocol.path_files.moves import read_cubes, read_moves, write_cubes
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -267,9 +267,8 @@ def test_a_bad_moves_file_is_refused_by_file_and_line(tmp_path: Path) -> None:
             shorten(path)
 
 
-def test_progress_counts_every_move(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_counts_every_move(tmp_path: Path) -> None:
     """The calls add up to the moves, and do not come for each of them."""
-    monkeypatch.setattr(contents, "PIECE", 1 << 15)
     calls: list[int] = []
     line = {"id": "a", "support": [1], "trace": [1]}
     result = shorten(save(tmp_path / "m.jsonl", [line] * 2500), progress=calls.append)

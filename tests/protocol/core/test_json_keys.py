@@ -12,11 +12,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.parsing import check_keys
 from cubepath.protocol.file_forms import read_plan
 from cubepath.protocol.path_files.certificates import read_certificate
-from cubepath.protocol.path_files.durations import (
-    read_durations,
-    read_timetable,
-    schedule_from_jsonl,
-)
+from cubepath.protocol.path_files.durations import read_durations, schedule_from_jsonl
 from cubepath.protocol.path_files.moves import read_cubes, read_moves
 from cubepath.protocol.path_files.numbered import IrregularError, read_path
 from cubepath.protocol.scenes.families.triangulations import read_points
@@ -37,10 +33,6 @@ def moves(path: Path) -> object:
 
 def placed(path: Path) -> object:
     return list(read_moves(path, GRID))
-
-
-def timetable(path: Path) -> object:
-    return list(read_timetable(path))
 
 
 def schedule(path: Path) -> object:
@@ -79,11 +71,6 @@ TWICE: dict[str, tuple[Callable[[Path], object], str, str]] = {
         'file.json:1: key "at"',
     ),
     "schedule": (schedule, '{"moves":[]}\n{"moves":[],"moves":[]}', 'line 2: key "moves"'),
-    "timetable": (
-        timetable,
-        '{"start":0,"duration":1,"move":1,"start":2}',
-        'file.json:1: key "start"',
-    ),
     "durations": (
         read_durations,
         '{"format":"cubepath-durations-1",\n "ids":{"a":1,\n "a":2}}',

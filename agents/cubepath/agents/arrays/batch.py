@@ -112,12 +112,13 @@ class Batch:
             or len(scratch.movers) < motions
         ):
             self._items = most
-            items = np.zeros((3, modules * most), np.int32)
+            items = np.zeros((4, modules * most), np.int32)
             self._scratch = Scratch(
                 head=np.full(room, -1, np.int32),
                 claim=items[0],
                 code=items[1],
                 following=items[2],
+                place=items[3],
                 claimant=np.zeros(modules, np.int32),
                 move=np.zeros(modules, np.int32),
                 first=np.zeros(modules, np.int32),

@@ -33,6 +33,7 @@ class Scratch(NamedTuple):
     """By place, the last site of a trace there, -1 for none."""
     claim: Ints
     """By such site, whose it is; the claims are numbered in the order of the modules."""
+    place: Ints
     code: Ints
     following: Ints
     claimant: Ints
@@ -81,8 +82,8 @@ def file_traces(
     environment: int,
     count: int,
     scratch: Scratch,
-) -> None:
-    """File all claims by the places of their traces."""
+) -> int:
+    """File all claims by the places of their traces; return how many sites were filed."""
     shift, first_row, around = places.shift, places.first, places.around
     sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
     place_of, code_of = state.place, state.code
@@ -98,10 +99,12 @@ def file_traces(
             ref, code = items[item, 0], items[item, 1]
             place = place_at(shift, first_row, around, sensed, own, ref)
             claims[filed] = claim
+            scratch.place[filed] = place
             codes[filed] = code_of[environment, module] if code == OWN else code
             following[filed] = head[place]
             head[place] = filed
             filed += 1
+    return filed
 
 
 @inner
@@ -147,26 +150,6 @@ def find_rivals(
                         found += 1
                 other = following[other]
     return found
-
-
-@inner
-def clear(
-    places: Places,
-    kinds: MoveKinds,
-    state: BatchState,
-    environment: int,
-    count: int,
-    scratch: Scratch,
-) -> None:
-    """Take the claims out of the file again."""
-    shift, first_row, around = places.shift, places.first, places.around
-    sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
-    head = scratch.head
-    for claim in range(count):
-        own, move = state.place[environment, scratch.claimant[claim]], scratch.move[claim]
-        for item in range(items_at[move], items_at[move + 1]):
-            if items[item, 2]:
-                head[place_at(shift, first_row, around, sensed, own, items[item, 0])] = -1
 
 
 @inner
@@ -228,14 +211,15 @@ def settle(
     scratch: Scratch,
 ) -> None:
     """Grant claims by rank, each unless it conflicts with one that was granted before."""
-    file_traces(places, kinds, state, environment, count, scratch)
+    filed = file_traces(places, kinds, state, environment, count, scratch)
     rivals = scratch.rivals
     while True:
         pairs = find_rivals(places, kinds, state, environment, count, scratch, rivals)
         if pairs <= len(rivals):
             break
         rivals = np.empty((pairs, 4), np.int32)
-    clear(places, kinds, state, environment, count, scratch)
+    for site in range(filed):
+        scratch.head[scratch.place[site]] = -1
     waiting = set_aside(count, scratch)
     if waiting > 0:
         key = hashed_compiled(state.key[environment], np.uint64(state.round[environment]))

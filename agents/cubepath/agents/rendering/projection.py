@@ -109,26 +109,23 @@ def moved(faces: Faces, by: Points) -> Faces:
     return tuple(Face(face.corners + by, face.normal) for face in faces)
 
 
-def tone(normal: Points, view: Viewpoint = FRONT) -> float:
+def tone(normal: Points) -> float:
     """Return how bright a face is, from 0.4 to 1: the light comes from the viewer's upper left."""
     light = np.array([-0.4, 0.7, 0.6]) / sqrt(1.01)
-    return float(0.7 + 0.3 * (project(normal, view) @ light))
+    return float(0.7 + 0.3 * (project(normal) @ light))
 
 
-def outline_of(faces: Faces, view: Viewpoint = FRONT) -> Points:
+def outline_of(faces: Faces) -> Points:
     """Return the outline of a convex cell in the plane, shape (n, 2), counter-clockwise."""
     corners = np.unique(np.concatenate([face.corners for face in faces]), axis=0)
-    flat = project(corners, view)[:, :2]
+    flat = project(corners)[:, :2]
     turns = np.arange(720) * (pi / 360) + 0.001
     farthest = np.argmax(np.stack([np.cos(turns), np.sin(turns)], axis=1) @ flat.T, axis=1)
     return flat[list(dict.fromkeys(farthest.tolist()))]
 
 
 def painting_order(
-    bodies: Sequence[Faces],
-    middles: Points,
-    on_the_way: Sequence[int] = (),
-    view: Viewpoint = FRONT,
+    bodies: Sequence[Faces], middles: Points, on_the_way: Sequence[int] = ()
 ) -> list[int]:
     """Return the order in which to paint bodies, so that what is in front hides what is behind.
 
@@ -145,24 +142,22 @@ def painting_order(
 
     A body `on_the_way` goes where the planes of faces between it and the others say.
     """
-    depths = project(middles, view)
+    depths = project(middles)
     loose = set(on_the_way)
     order = sorted(set(range(len(bodies))) - loose, key=lambda number: float(depths[number, 2]))
     for mover in on_the_way:
-        order.insert(_place(mover, order, bodies, depths, view), mover)
+        order.insert(_place(mover, order, bodies, depths), mover)
     return order
 
 
-def _place(
-    mover: int, order: Sequence[int], bodies: Sequence[Faces], depths: Points, view: Viewpoint
-) -> int:
+def _place(mover: int, order: Sequence[int], bodies: Sequence[Faces], depths: Points) -> int:
     """Return the place with the fewest bodies on its wrong side, the nearest by depth."""
     cost = [0] * (len(order) + 1)
     for place, other in enumerate(order):
         if np.hypot(*(depths[other] - depths[mover])[:2]) < _APART:
-            if hides(bodies[mover], bodies[other], view):
+            if hides(bodies[mover], bodies[other]):
                 cost = [each + (at <= place) for at, each in enumerate(cost)]
-            if hides(bodies[other], bodies[mover], view):
+            if hides(bodies[other], bodies[mover]):
                 cost = [each + (at > place) for at, each in enumerate(cost)]
     deeper = sum(float(depths[other, 2]) <= float(depths[mover, 2]) for other in order)
     return min(range(len(cost)), key=lambda at: (cost[at], abs(at - deeper)))
@@ -172,12 +167,12 @@ _APART = 2.5
 """Cells whose middles are so far apart in a picture do not meet there."""
 
 
-def hides(one: Faces, other: Faces, view: Viewpoint = FRONT) -> bool:
+def hides(one: Faces, other: Faces) -> bool:
     """Return whether a convex body may hide a part of another.
 
     It does not if the plane of a face lies between them, and the viewer on the side of the other.
     """
-    towards = view.axes[2]
+    towards = FRONT.axes[2]
     return not (
         any(face.normal @ towards <= 0 and _beyond(face, one) for face in other)
         or any(face.normal @ towards >= 0 and _beyond(face, other) for face in one)

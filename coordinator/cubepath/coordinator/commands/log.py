@@ -15,7 +15,7 @@ from cubepath.protocol.recordings.description import FREE_FORMAT, KEYS_FORMAT
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.protocol.core.system import Scene
-    from cubepath.protocol.recordings.remains import Remains
+    from cubepath.protocol.recordings.recording import Recording
 
 
 def add_log_info(parser: argparse.ArgumentParser) -> None:
@@ -68,17 +68,16 @@ def _recover(options: argparse.Namespace) -> int:
     with progress_bar(None, "verify", " rounds") as bar:
         remains = remains_of(options.source)
         remains = remains if scene is None else with_told_scene(remains, scene)
-        recording = remains.recording()
-        of_run = recording is not None and not recording.of_keys
-        if recording is not None and of_run:
-            recordings.check_used(options.rule, unused_rules(recording, options.rule))
+        of_run = remains.stored_scene is not None
+        if of_run:
+            recordings.check_used(options.rule, unused_rules(remains, options.rule))
         reply = (
-            _alone(remains)
-            if recording is None or not of_run
-            else recordings.verified(recording, audit(recording, bar.update, rules=options.rule))
+            recordings.verified(remains, audit(remains, bar.update, rules=options.rule))
+            if of_run
+            else _alone(remains)
         )
     try:
-        saved = recover(recording or remains, options.out)
+        saved = recover(remains, options.out)
     finally:
         answer(options, reply.document, reply.text)
     step = "level" if remains.format == FREE_FORMAT else "whole round"
@@ -109,7 +108,7 @@ def _scene(options: argparse.Namespace) -> Scene | None:
     return scene_from_spec(options.system)
 
 
-def _alone(remains: Remains) -> recordings.RecordingAnswer:
+def _alone(remains: Recording) -> recordings.RecordingAnswer:
     """Return what to report about messages on any keys, or about those whose scene is lost."""
     document = {
         "ok": not remains.problems,

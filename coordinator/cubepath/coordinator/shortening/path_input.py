@@ -236,11 +236,7 @@ class _Reading:
         companions, system = self._hints.companions, self._system
         named = None if isinstance(system, Scene) else system
         plan = read_plan(self._file, spec, companions=companions, system=named)
-        numbered = plan.numbered()
-        if numbered is None:
-            numbered = number_moves(plan.moves, self._progress)
-        elif self._progress is not None:
-            self._progress(len(numbered.numbers))
+        numbered = number_moves(plan.moves, self._progress)
         sizes = tuple(plan.round_sizes())
         in_rounds = any(size != 1 for size in sizes)
         return PathInput(

@@ -5,7 +5,7 @@ contradicts it; `verify` judges the rest.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cubepath.coordinator.verification.partial import whole_rounds
@@ -18,7 +18,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.cutting import is_beginning
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.recordings.remains import Remains, remains_of
+from cubepath.protocol.recordings.remains import remains_of
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import files_in, scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -38,7 +38,7 @@ class Recovered:
 
 
 def recover(
-    source: Recording | Remains | Source, out: Path | str, *, scene: Scene | None = None
+    source: Recording | Source, out: Path | str, *, scene: Scene | None = None
 ) -> Recovered:
     """Write what can be read of a recording, or was read already, as a whole recording to `out`.
 
@@ -52,14 +52,10 @@ def recover(
     >>> found.rounds, found.problems, verify("copy.mcap").ok
     (29, (), True)
     """
-    given = source if isinstance(source, Recording | Remains) else remains_of(source)
+    given = source if isinstance(source, Recording) else remains_of(source)
+    given = given if scene is None else with_told_scene(given, scene)
     out = Path(out)
-    if isinstance(given, Remains):
-        given = given if scene is None else with_told_scene(given, scene)
-        given = given.recording() or given
-    rounds = 0
-    if isinstance(given, Recording) and not given.of_keys:
-        rounds = whole_rounds(given)
+    rounds = 0 if given.stored_scene is None else whole_rounds(given)
     count = len(given.records)
     last = max((record.sequence for record in given.records), default=-1)
     gap = max(0, last + 1 - count)
@@ -70,7 +66,7 @@ def recover(
     return Recovered(out, messages, rounds, given.problems)
 
 
-def with_told_scene(remains: Remains, scene: Scene) -> Remains:
+def with_told_scene(remains: Recording, scene: Scene) -> Recording:
     """Return what remains of a recording, with the scene that you supply.
 
     InputError in one line if the recording has another scene, names another system, or has a
@@ -86,11 +82,8 @@ def with_told_scene(remains: Remains, scene: Scene) -> Remains:
     named = remains.parameters.get("system", scene.spec)
     if named != scene.spec and not _may_be(named, scene):
         raise InputError(f"system={scene.spec}: the parameters of {remains.path} name {named}")
-    found = remains.with_scene(scene)
-    recording = found.recording()
-    if recording is None:
-        raise AssertionError("it has a scene now")
-    why = next(_contradictions(recording), None)
+    found = replace(remains, stored_scene=scene)
+    why = next(_contradictions(found), None)
     if why is not None:
         raise InputError(f"system={scene.spec}: {remains.path}: {why}")
     return found

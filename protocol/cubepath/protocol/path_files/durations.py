@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from fractions import Fraction
@@ -24,13 +24,7 @@ from cubepath.protocol.core.formatting import did_you_mean
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.parsing import check_keys, parsed_toml
 from cubepath.protocol.core.sites import Site, site_from_json, site_hook
-from cubepath.protocol.path_files.moves import (
-    CubeLine,
-    CubeName,
-    MoveName,
-    decode_line,
-    write_lines,
-)
+from cubepath.protocol.path_files.moves import CubeLine, CubeName, MoveName, write_lines
 
 FORMAT = "cubepath-durations-1"
 Time: TypeAlias = Fraction | int
@@ -286,33 +280,11 @@ class TimedLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     move: CubeName
 
 
-_line = msgspec.json.Decoder(TimedLine, dec_hook=site_hook).decode
-
-
-def read_timetable(source: Source) -> Iterator[TimedLine]:
-    """Yield the lines of a timetable; InputError, with file and line, at the first invalid one.
-
-    >>> write_timetable("times.jsonl", [TimedLine(0, "3/2", "left")])
-    >>> for line in read_timetable("times.jsonl"):
-    ...     print(line.start, line.duration, line.move)
-    0 3/2 left
-    """
-    with opened(source) as file:
-        for number, line in file.numbered_lines():
-            try:
-                found = decode_line(_line, line, 'the keys "start", "duration" and "move"')
-                time_from(found.start)
-                duration_from(found.duration)
-            except InputError as error:
-                raise InputError(f"{file.path}:{number}: {error}") from None
-            yield found
-
-
 def write_timetable(path: Path | str, lines: Iterable[TimedLine]) -> None:
     """Write a timetable, complete or not at all; InputError if it cannot be written.
 
     >>> write_timetable("times.jsonl", [TimedLine(0, "3/2", "left"), TimedLine("3/2", 1, "right")])
-    >>> [(each.start, each.move) for each in read_timetable("times.jsonl")]
-    [(0, 'left'), ('3/2', 'right')]
+    >>> print(Path("times.jsonl").read_text().splitlines()[1])
+    {"start":"3/2","duration":1,"move":"right"}
     """
     write_lines(path, lines)

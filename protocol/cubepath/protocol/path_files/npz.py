@@ -31,11 +31,8 @@ from cubepath.protocol.path_files.supports import (
     SECOND,
     TRACE,
     GrowingRows,
-    SupportRows,
     Supports,
     TabledActions,
-    canonical,
-    distinct,
 )
 
 Numbers = NDArray[np.int32]
@@ -123,55 +120,28 @@ def actions_of(
     `parts` are the lists of `support`, `trace`, `before` and `after`. A closer look is needed for
     what is no action, for one action twice, and for some sites that stand for ids.
     """
-    count = len(names)
-    known = np.array(stated, dtype=np.bool_)
     if any(isinstance(site, tuple) and site[:1] == (NAME,) for site in sites):
         return None
-    lists = [parts[part] for part in ("support", "trace", "before", "after")]
-    sizes = np.stack([np.diff(starts) for starts, _ in lists], axis=1)
-    if sizes[~known, 2:].any():
+    rows, everything = GrowingRows(), list(sites)
+    lists = [_rows(range(len(sites)), parts[part]) for part in _BARE]
+    for place, (support, trace, before, after) in enumerate(zip(*lists, strict=True)):
+        if not stated[place]:
+            if before or after or not trace or isinstance(names[place], GeneratorPlacement):
+                return None
+            for sites_of in (support, trace, after):
+                sites_of.append(len(everything))
+            everything.append((NAME, names[place]))
+        if rows.add(support, trace, before, after) != (place, 0):
+            return None
+    if len(everything) > len(set(everything)):
         return None
-    unstated = np.flatnonzero(~known)
-    ids = [(NAME, names[place]) for place in unstated.tolist()]
-    if any(isinstance(name, GeneratorPlacement) for _, name in ids) or len(set(ids)) < len(ids):
-        return None
-    extra = np.full(count, -1, dtype=np.int32)
-    extra[unstated] = np.arange(len(sites), len(sites) + len(ids))
-    parts_at = np.zeros(4 * count + 1, dtype=np.int32)
-    np.cumsum(sizes.ravel(), out=parts_at[1:])
-    mentions = np.zeros(int(parts_at[-1]), dtype=np.int32)
-    for part, (starts, numbers) in enumerate(lists):
-        shifts = parts_at[part:-1:4] - starts[:-1]
-        mentions[np.arange(len(numbers)) + np.repeat(shifts, sizes[:, part])] = numbers
-    everything = [*sites, *ids]
-    growing = GrowingRows(
-        starts=np.zeros(count + 2, dtype=np.int32),
-        sites=np.zeros(len(mentions) + len(ids) + 1, dtype=np.int32),
-        says=np.zeros(len(mentions) + len(ids) + 1, dtype=np.int8),
-        stated=np.zeros(count + 1, dtype=np.bool_),
-        slots=np.zeros(1 << (4 * count + 4).bit_length(), dtype=np.int64),
-        marks=np.zeros(len(everything), dtype=np.int8),
-    )
-    find = distinct.for_work(3 * len(mentions), by_entries=True)
-    counts = np.zeros(count, dtype=np.int32), np.zeros(count, dtype=np.int8)
-    if find(parts_at, mentions, extra, growing, 0, *counts) != count:
-        return None
-    used = int(growing.starts[count])
-    rows = SupportRows(
-        growing.starts[: count + 1],
-        growing.sites[:used],
-        growing.says[:used],
-        np.zeros(count + 1, dtype=np.int32),
-        np.zeros((0, 2), dtype=np.int32),
-        known,
-    )
-    supports = Supports(rows, everything)
-    turned = canonical(rows, supports.order)
+    supports, turned = rows.supports(everything, stated)
     return StoredPath(
         TabledActions(supports, lambda number: _encode(names[number]).decode()), turned
     )
 
 
+_BARE = ("support", "trace", "before", "after")
 _MOVES = "cubepath-moves-1"
 _CUBES = "cubepath-cubes-1"
 _T = TypeVar("_T")
@@ -384,7 +354,7 @@ def _lists(arrays: Arrays, part: str, sites: int, count: int, *, optional: bool)
     return _starts(arrays, f"{part}_starts", len(numbers), size=count + 1), numbers
 
 
-def _rows(sites: Sequence[Site], lists: Listed) -> list[list[Site]]:
+def _rows(sites: Sequence[_T], lists: Listed) -> list[list[_T]]:
     starts, numbers = lists
     found = [sites[number] for number in numbers.tolist()]
     return [found[begin:end] for begin, end in pairwise(starts.tolist())]

@@ -1,15 +1,15 @@
 """A path as numbers: each distinct action once, and for every move the number of its action.
 
 This is how a path of a million moves is read. A line by generator that was seen before
-costs one lookup in a dict. Self-contained lines are read straight into arrays, see
-`cubepath.protocol.path_files.contents`; each action of theirs is built when it is asked for.
+costs one lookup in a dict. Self-contained lines are read straight into arrays; each action of
+theirs is built when it is asked for.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
-from typing import BinaryIO, overload
+from typing import Any, BinaryIO, overload
 
 import msgspec
 import numpy as np
@@ -21,10 +21,10 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.garbage import collector_paused
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.parsing import check_keys
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Ordinals, Site, site_from_json
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.path_files.contents import Contents, OddError, read_contents
 from cubepath.protocol.path_files.moves import (
+    NAME,
     CubeName,
     MoveName,
     NumberedId,
@@ -32,7 +32,7 @@ from cubepath.protocol.path_files.moves import (
     is_by_generator,
     placement_in,
 )
-from cubepath.protocol.path_files.supports import Supports, TabledActions, supports_of
+from cubepath.protocol.path_files.supports import GrowingRows, Supports, TabledActions, supports_of
 
 Progress = Callable[[int], object]
 """Called from time to time with the number of moves read since the last call."""
@@ -41,6 +41,8 @@ PORTION = 1000
 """Number of moves that are read, or written, at a time."""
 
 _KEPT = 1 << 20
+_LEFT_OUT = msgspec.Raw()
+_NUL = b"\\u0000"
 _encode = msgspec.json.Encoder().encode
 
 
@@ -186,10 +188,15 @@ class NumberedCubes:
     moves: NDArray[np.int64]
 
 
+class _OddError(Exception):
+    """Only `read_moves` understands the lines, or says what is wrong with them."""
+
+
 class IrregularError(CubepathError):
     """`read_path` cannot read the path; `read_moves` can, or says what is wrong."""
 
 
+@collector_paused()
 def read_path(
     source: Source, scene: Scene | None = None, progress: Progress | None = None
 ) -> NumberedPath:
@@ -317,7 +324,7 @@ def _from_lines(file: InputFile, scene: Scene | None, progress: Progress | None)
         stream.seek(begin)
         if first and is_by_generator(first):
             return _by_generators(stream, scene, progress)
-        return _by_contents(read_contents(stream, progress))
+        return _by_contents(stream, progress)
     except OSError as error:
         raise InputError(f"{file.path}: {error.strerror or error}") from None
     except (
@@ -325,25 +332,124 @@ def _from_lines(file: InputFile, scene: Scene | None, progress: Progress | None)
         UnicodeDecodeError,
         RecursionError,
         InputError,
-        OddError,
+        _OddError,
     ) as error:
         raise IrregularError(f"{file.path}: {error}") from None
 
 
-def _by_contents(found: Contents) -> NumberedPath:
-    stated = found.supports.rows.stated.tolist()
-    names: list[MoveName] = [*found.ids]
-    if not all(stated):
+def _by_contents(stream: BinaryIO, progress: Progress | None) -> NumberedPath:
+    reader = _ContentsReader()
+    for lines in _portions(stream):
+        reader.take(lines)
+        if progress is not None:
+            progress(len(lines))
+    return reader.path()
+
+
+class _Line(msgspec.Struct, forbid_unknown_fields=True, gc=False):
+    """A self-contained move, its lists as they are written."""
+
+    id: str | int
+    support: msgspec.Raw
+    trace: msgspec.Raw
+    before: msgspec.Raw = _LEFT_OUT
+    after: msgspec.Raw = _LEFT_OUT
+
+
+_line = msgspec.json.Decoder(_Line).decode
+_lists = msgspec.json.Decoder(list[list[Any]]).decode
+# Most sites are of these kinds, which msgspec decodes straight to what `site_from_json` returns.
+_plain_lists = msgspec.json.Decoder(list[list[int | str | tuple[int, ...]]]).decode
+
+
+class _ContentsReader:
+    """The self-contained moves that were read so far, without an action per line.
+
+    Each distinct text of contents is decoded once and becomes an action by the numbers of its
+    sites, so that lines with the same meaning are the same action however they are written.
+    """
+
+    def __init__(self) -> None:
+        self._ids: list[str | int] = []
+        self._texts: list[int] = []  # of each move
+        self._number: dict[bytes | tuple[str | int, bytes], int] = {}
+        # By the number of a text: its action, and the local state before the move.
+        self._actions: list[int] = []
+        self._ends: list[int] = []
+        self._named: dict[str | int, int] = {}
+        self._sites = Ordinals[Site]()
+        self._rows = GrowingRows()
+        self._stated: list[bool] = []
+
+    def take(self, lines: Iterable[bytes]) -> None:
+        """Read lines that are not blank."""
+        for line in lines:
+            found = _line(line)
+            named = not (found.before or found.after)
+            check_keys(line, 3 if named else 5)
+            key: bytes | tuple[str | int, bytes]
+            if named:
+                key = found.id, b",".join((found.support, found.trace))
+            else:
+                key = b",".join((found.support, found.trace, found.before, found.after))
+            text = self._number.get(key)
+            if text is None:
+                text = self._number[key] = len(self._number)
+                self._add(key)
+            self._ids.append(found.id)
+            self._texts.append(text)
+
+    def _add(self, key: bytes | tuple[str | int, bytes]) -> None:
+        """Find the action of contents that were not met before."""
+        name, text = (None, key) if isinstance(key, bytes) else key
+        if _NUL in text:
+            raise _OddError("a NUL, with which the site begins that stands for an id")
+        text, numbers = b"[%b]" % text, self._sites
+        lists: list[list[Any]]
+        try:
+            lists = [*_plain_lists(text)]
+        except msgspec.ValidationError:
+            lists = [list(map(site_from_json, sites)) for sites in _lists(text)]
+        support, trace, *ends = [[numbers[site] for site in sites] for sites in lists]
+        if name is not None:
+            extra = numbers[NAME, name]
+            support, trace, ends = [*support, extra], [*trace, extra], [[], [extra]]
+            if len(trace) == 1:
+                raise _OddError("an empty trace")
+        found = self._rows.add(support, trace, *ends)
+        if found is None:
+            raise _OddError("no action")
+        known, end = found
+        if known == len(self._stated):
+            self._stated.append(name is None)
+        if name is not None and self._named.setdefault(name, known) != known:
+            raise _OddError("an id with two contents")
+        self._actions.append(known)
+        self._ends.append(end if name is None else -1)
+
+    def path(self) -> NumberedPath:
+        """Return what was read."""
         # An id that names an action in one line may not label contents in another.
-        numbers = found.numbers.tolist()
-        labels = (name for name, each in zip(names, numbers, strict=True) if stated[each])
-        if not found.named.isdisjoint(labels):
-            raise OddError("an id with and without local states")
-    action_names = [names[move] for move in found.first.tolist()]
-    actions = TabledActions(found.supports, lambda number: _encode(action_names[number]).decode())
-    return NumberedPath(
-        actions, action_names, stated, found.numbers, found.ends, names, found.supports
-    )
+        if self._named and any(
+            name in self._named and end >= 0
+            for name, end in zip(self._ids, map(self._ends.__getitem__, self._texts), strict=True)
+        ):
+            raise _OddError("an id with and without local states")
+        supports, swapped = self._rows.supports(list(self._sites), self._stated)
+        texts = np.array(self._texts, dtype=np.int32)
+        numbers = np.array(self._actions, dtype=np.int32)[texts]
+        ends = np.array(self._ends, dtype=np.int8)[texts]
+        names: list[MoveName] = [*self._ids]
+        action_names = [names[move] for move in np.unique(numbers, return_index=True)[1].tolist()]
+        return NumberedPath(
+            TabledActions(supports, lambda number: _encode(action_names[number]).decode()),
+            action_names,
+            self._stated,
+            numbers,
+            np.where(ends < 0, ends, ends ^ swapped[numbers]),
+            names,
+            supports,
+        )
 
 
 def _by_generators(
@@ -354,7 +460,7 @@ def _by_generators(
 
     def new(line: bytes) -> int:
         if scene is None:
-            raise OddError("a generator without a system")
+            raise _OddError("a generator without a system")
         found = placement_in(line)
         check_keys(line, 2)
         number = kept.add(scene.system.read_action(found), found)

@@ -1,8 +1,7 @@
 """What actions do to sites, as arrays: the form in which paths are checked and shortened.
 
-Actions and sites are numbers. `supports_of` makes the arrays of actions; `distinct`, compiled,
-makes them of lists of numbers, without the actions, and `TabledActions` makes an action of its row
-only where somebody asks for it. The definition of an action is checked in both ways.
+Actions and sites are numbers. `supports_of` makes the arrays of actions, and `TabledActions` makes
+an action of its row only where somebody asks for it.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -13,7 +12,6 @@ from typing import NamedTuple, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import Action, action_of_parts
 from cubepath.protocol.core.sites import Ordinals, Site, in_order
 
@@ -23,11 +21,6 @@ Totals = NDArray[np.int64]
 
 # What an action says about a site, as bits: on in local state 0, on in 1, in the trace, free.
 FIRST, SECOND, TRACE, FREE = 1, 2, 4, 8
-# While a row is made: in the support.
-_MET = 16
-_MASK = 0xFFFFFFFF
-_PROBES = 256
-"""As in `cubepath.protocol.path_files.scanning`."""
 
 
 class SupportRows(NamedTuple):
@@ -208,143 +201,55 @@ def ranks(sites: Sequence[Site]) -> Totals:
     return np.array([place[site] for site in sites], dtype=np.int64)
 
 
-class GrowingRows(NamedTuple):
-    """Rows of distinct actions while they are found; arrays may be longer than what is in use.
+class GrowingRows:
+    """The rows of distinct actions without free sites and guards, while they are found."""
 
-    `starts`, `sites`, `says` and `stated` are as in `SupportRows`, `slots` is a hash table as in
-    `cubepath.protocol.path_files.scanning.Texts`, `marks` 0 for every site.
-    """
+    def __init__(self) -> None:
+        self._number: dict[tuple[frozenset[int], ...], int] = {}
+        self._starts = [0]
+        self._sites: list[int] = []
+        self._says: list[int] = []
 
-    starts: Numbers
-    sites: Numbers
-    says: Bytes
-    stated: NDArray[np.bool_]
-    slots: Totals
-    marks: Bytes
+    def add(
+        self, support: Iterable[int], trace: Iterable[int], before: list[int], after: list[int]
+    ) -> tuple[int, int] | None:
+        """Return the number of an action, and its local state `before`; None if it is none.
 
+        Sites are given by number.
+        """
+        row, traced, first, second = map(frozenset, (support, trace, before, after))
+        changed = first ^ second
+        if not (changed and changed <= traced <= row and first | second <= row):
+            return None
+        found = self._number.get((row, traced, first, second))
+        if found is not None:
+            return found, 0
+        found = self._number.get((row, traced, second, first))
+        if found is not None:
+            return found, 1
+        found = self._number[row, traced, first, second] = len(self._number)
+        self._sites += row
+        self._says += [
+            FIRST * (site in first) + SECOND * (site in second) + TRACE * (site in traced)
+            for site in row
+        ]
+        self._starts.append(len(self._sites))
+        return found, 0
 
-@compiled
-def distinct(  # noqa: C901, PLR0912, PLR0915, PLR0917 - one pass over each row; arguments by position
-    parts_at: Numbers,
-    mentions: Numbers,
-    extra: Numbers,
-    growing: GrowingRows,
-    count: int,
-    numbers: Numbers,
-    ends: Bytes,
-) -> int:
-    """Number the actions of texts; return how many actions there are now, or -1 for an odd text.
-
-    The sites of part p (support, trace, before, after) of text t are the `mentions` from
-    ``parts_at[4 * t + p]`` to ``parts_at[4 * t + p + 1]``. `extra` is -1, or for a move that its id
-    names the site that stands for the id. `count` is how many actions there are so far. `numbers`
-    and `ends` receive for each text the action, and which of its local states is before the move,
-    -1 for a named one. Odd is what is no action by the definition.
-    """
-    starts, sites, says, states, slots, marks = growing
-    mask = len(slots) - 1
-    for text in range(len(extra)):
-        at = parts_at[4 * text]
-        trace, before = parts_at[4 * text + 1], parts_at[4 * text + 2]
-        after, end = parts_at[4 * text + 3], parts_at[4 * text + 4]
-        start = starts[count]
-        up = start
-        for index in range(at, trace):
-            site = mentions[index]
-            if marks[site] == 0:
-                marks[site] = _MET
-                sites[up] = site
-                up += 1
-        fits = trace < before
-        for index in range(trace, before):
-            site = mentions[index]
-            fits = fits and marks[site] != 0
-            marks[site] |= TRACE
-        for index in range(before, after):
-            site = mentions[index]
-            fits = fits and marks[site] != 0
-            marks[site] |= FIRST
-        for index in range(after, end):
-            site = mentions[index]
-            fits = fits and marks[site] != 0
-            marks[site] |= SECOND
-        named = extra[text] >= 0
-        if named:
-            site = extra[text]
-            fits = fits and marks[site] == 0
-            marks[site] = _MET | TRACE | SECOND
-            sites[up] = site
-            up += 1
-        if not fits:
-            return -1
-        changes = False
-        one = other = 0
-        for index in range(start, up):
-            site = sites[index]
-            state = marks[site] & ~_MET
-            says[index] = state
-            swapped = (state & TRACE) | (state & FIRST) << 1 | (state & SECOND) >> 1
-            if state != swapped:
-                changes = True
-                fits = fits and state & TRACE != 0
-            one = (one + _mixed(8 * site + state)) & _MASK
-            other = (other + _mixed(8 * site + swapped)) & _MASK
-        if not (fits and changes):
-            return -1
-        # The same for both orders of the two local states.
-        hashed = _mixed((one + other) & _MASK) & 0x7FFFFFFF
-        slot = hashed & mask
-        found = known = -1
-        for _ in range(_PROBES):
-            here = slots[slot]
-            found = (here & _MASK) - 1
-            if found < 0:
-                break
-            if here >> 32 == hashed and states[found] != named:
-                begin = int(starts[found])
-                known = _matching_state(sites, says, marks, begin, begin + up - start)
-                known = known if starts[found + 1] - begin == up - start else -1
-                if known >= 0:
-                    break
-            slot = (slot + 1) & mask
-        for index in range(start, up):
-            marks[sites[index]] = 0
-        if found >= 0 and known < 0:
-            return -1
-        if found < 0:
-            found, known = count, 0
-            slots[slot] = hashed << 32 | (count + 1)
-            states[count] = not named
-            count += 1
-            starts[count] = up
-        numbers[text] = found
-        ends[text] = -1 if named else known
-    return count
-
-
-@compiled
-def _mixed(number: int) -> int:
-    """Return a 32-bit hash of a number; within 63 bits all the way."""
-    found = ((number & 0x7FFFFFFF) * 2654435761) & _MASK
-    found = ((found ^ (found >> 15)) * 739982445) & _MASK
-    return found ^ (found >> 12)
-
-
-@compiled
-def _matching_state(sites: Numbers, says: Bytes, marks: Bytes, begin: int, end: int) -> int:
-    """Return which local state of an action the marks show as the first one, -1 for none.
-
-    The action has the entries from `begin` to `end`, and there are marks on this many sites.
-    """
-    same = opposite = True
-    for index in range(begin, end):
-        mark, here = marks[sites[index]], says[index]
-        if mark == 0:
-            return -1
-        swapped = (here & TRACE) | (here & FIRST) << 1 | (here & SECOND) >> 1
-        same = same and mark & ~_MET == here
-        opposite = opposite and mark & ~_MET == swapped
-    return 0 if same else 1 if opposite else -1
+    def supports(
+        self, sites: Sequence[Site], stated: Iterable[bool]
+    ) -> tuple[Supports, NDArray[np.bool_]]:
+        """Return what was found, and of which actions the local states were exchanged."""
+        rows = SupportRows(
+            np.array(self._starts, dtype=np.int32),
+            np.array(self._sites, dtype=np.int32),
+            np.array(self._says, dtype=np.int8),
+            np.zeros(len(self._starts), dtype=np.int32),
+            np.zeros((0, 2), dtype=np.int32),
+            np.array(stated, dtype=np.bool_),
+        )
+        supports = Supports(rows, sites)
+        return supports, canonical(rows, supports.order)
 
 
 def canonical(rows: SupportRows, order: Totals) -> NDArray[np.bool_]:

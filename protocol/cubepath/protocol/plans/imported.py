@@ -18,7 +18,6 @@ from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.path_files.numbered import NumberedPath
 
 Cell = tuple[int, int]
 
@@ -90,10 +89,9 @@ class ImportedPath:
     returns a line on where the plan does not end as its instance requires, None if it does or
     nothing is required. `vehicles` may be called instead of iterating `moves`, once: it returns the
     plan with the planner's rounds and whatever rotates in them, and raises InputError as `moves`
-    does; None if the plan is not of vehicles on a grid. `numbered` may be called before both: it
-    returns the path of `moves` as a whole, None if only they can be had or say what is wrong.
-    `round_sizes` may be called after either: it returns the number of moves in each round of the
-    planner, nothing if the plan has no rounds.
+    does; None if the plan is not of vehicles on a grid. `round_sizes` may be called after the last
+    move: it returns the number of moves in each round of the planner, nothing if the plan has no
+    rounds.
     """
 
     moves: Iterator[PathMove]
@@ -102,7 +100,6 @@ class ImportedPath:
     labelled_goals: bool = False
     unsolved: Callable[[], str | None] = lambda: None
     vehicles: Callable[[], VehiclePlan] | None = None
-    numbered: Callable[[], NumberedPath | None] = lambda: None
     round_sizes: Callable[[], Sequence[int]] = tuple
 
 

@@ -41,7 +41,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import cast
 
@@ -51,7 +50,6 @@ from cubepath.protocol.core.errors import InputError, errors_at
 from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.parsing import read_json
 from cubepath.protocol.core.sites import site_text
-from cubepath.protocol.plans.grid_moves import GridMoves, cells_of
 from cubepath.protocol.plans.imported import Cell, ImportedPath, PlanRequest, no_system
 from cubepath.protocol.plans.vehicles import Vehicles, off_targets, planned_path
 from cubepath.protocol.systems.benchmarks import BenchmarkTask, task_from_scen
@@ -91,17 +89,6 @@ class _Plan:
         return {
             vehicle: cells[step] for vehicle, cells in enumerate(self.paths) if step < len(cells)
         }
-
-    def listed(self) -> GridMoves | None:
-        """Return the moves as arrays, None if all agents at all timesteps are too many cells."""
-        sizes = np.array([len(path) for path in self.paths], dtype=np.int64)
-        cells = cells_of(chain.from_iterable(self.paths))
-        if (self.steps + 1) * len(sizes) > 4 * len(cells):
-            return None
-        within = np.minimum(np.arange(self.steps + 1)[:, None], sizes - 1)
-        at = cells[np.cumsum(sizes) - sizes + within]
-        moved = (at[1:] != at[:-1]).any(axis=2)
-        return GridMoves(at[:-1][moved], at[1:][moved], np.cumsum(moved.sum(axis=1)))
 
     def turned(self) -> _Plan:
         """Return the plan with the two numbers of each cell exchanged."""
@@ -265,7 +252,6 @@ def _imported(request: PlanRequest, plan: _Plan, order: str) -> ImportedPath:
         graph=lambda: graph,
         goals=known,
         unsolved=lambda: None if known is None else off_targets(vehicles.at, known, "agent"),
-        listed=plan.listed,
     )
 
 

@@ -8,15 +8,12 @@ the file lists them, and `ImportedPath.vehicles` reads what rotates in them too.
 
 from collections.abc import Iterable, Iterator
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import cast
 
-import numpy as np
-
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_text
-from cubepath.protocol.plans.grid_moves import GridMoves, cells_of
 from cubepath.protocol.plans.imported import Cell, ImportedPath, PlanRequest, no_system, none_beside
 from cubepath.protocol.plans.vehicles import Vehicles, planned_path
 from cubepath.protocol.systems.graphs import Edge, PlannerInstance, scenario_from_json
@@ -38,15 +35,7 @@ def read_scenario(request: PlanRequest) -> ImportedPath:
         graph=lambda: scenario.graph,
         goals=goals,
         unsolved=lambda: _unsolved(vehicles, goals) if scenario.moves else None,
-        listed=lambda: _listed(scenario),
     )
-
-
-def _listed(scenario: PlannerInstance) -> GridMoves:
-    moves = cast("tuple[tuple[Cell, Cell], ...]", scenario.moves)
-    ends = cells_of(chain.from_iterable(moves)).reshape(-1, 2, 2)
-    sizes = [1] * len(moves) if scenario.rounds is None else scenario.rounds
-    return GridMoves(ends[:, 0], ends[:, 1], np.cumsum(sizes, dtype=np.int64))
 
 
 def _rounds(path: Path, scenario: PlannerInstance) -> Iterator[tuple[str, list[Edge]]]:

@@ -15,15 +15,11 @@ from itertools import chain
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from cubepath.protocol.core.catalogue import GeneratorPlacement
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.plans.grid_moves import CarriedPlan, GridMoves, carry_out
 from cubepath.protocol.plans.imported import Cell, ImportedPath, VehicleMove, VehiclePlan
 from cubepath.protocol.systems.graph import GraphSystem, along_edge
 from cubepath.protocol.systems.graphs import Graph
@@ -217,13 +213,11 @@ def planned_path(
     graph: Callable[[], Graph],
     goals: Sequence[Cell] | None,
     unsolved: Callable[[], str | None],
-    listed: Callable[[], GridMoves | None] = lambda: None,
 ) -> ImportedPath:
     """Return a plan by its rounds, each with where it stands in the file, and who goes where in it.
 
     The latter is asked for when the rounds before have been made. `count` is the planner's number
-    of rounds, None if each round is a move and the plan does not say more. `listed` returns the
-    same rounds as arrays, where the graph is a grid and they can be had at once.
+    of rounds, None if each round is a move and the plan does not say more.
     """
     starts = tuple(vehicles.at)
     sizes = list[int]()
@@ -237,31 +231,12 @@ def planned_path(
             sizes.append(len(moves))
             yield moves
 
-    def carried(*, rotate: bool) -> CarriedPlan | None:
-        try:
-            moves = listed()
-        except OverflowError:  # a cell beyond 64 bits, which is none of the graph's
-            return None
-        found = None if moves is None else carry_out(starts, graph().vertices, moves, rotate=rotate)
-        if moves is not None and found is not None:
-            vehicles.at = found.at
-            sizes[:] = np.diff(moves.ends, prepend=0).tolist()
-        return found
-
-    def numbered() -> NumberedPath | None:
-        found = carried(rotate=False)
-        return None if found is None else found.numbered()
-
     def plan() -> VehiclePlan:
-        found = carried(rotate=True)
-        if found is not None:
-            moves = found.vehicle_moves(by_round=count is not None)
-        else:
-            moves = tuple(
-                VehicleMove(vehicle, source, target, None if count is None else number)
-                for number, turned in enumerate(made(vehicles.turn), 1)
-                for vehicle, source, target in turned
-            )
+        moves = tuple(
+            VehicleMove(vehicle, source, target, None if count is None else number)
+            for number, turned in enumerate(made(vehicles.turn), 1)
+            for vehicle, source, target in turned
+        )
         edges = lambda: graph().edges  # noqa: E731 - built late, which can take long
         return VehiclePlan(path, starts, moves, count, vehicles.called, edges, unsolved())
 
@@ -272,6 +247,5 @@ def planned_path(
         labelled_goals=True,
         unsolved=unsolved,
         vehicles=plan,
-        numbered=numbered,
         round_sizes=lambda: sizes,
     )

@@ -48,7 +48,7 @@ class Recording(Displayed):
     path: Path
     parameters: Mapping[str, str]
     stored_scene: Scene | None
-    """None if it is of messages on any keys."""
+    """None if it is of messages on any keys, or lost."""
     records: Sequence[stored_messages.Record]
     problems: tuple[str, ...]
     schedule: bytes | None = None
@@ -64,9 +64,10 @@ class Recording(Displayed):
 
     @property
     def scene(self) -> Scene:
-        """Return the scene of the run; InputError if it is of no run."""
+        """Return the scene of the run; InputError if it is of no run, or the scene is lost."""
         if self.stored_scene is None:
-            raise InputError(f"{self.path}: messages on any keys, expected the recording of a run")
+            what = "messages on any keys" if self.of_keys else "its scene is lost"
+            raise InputError(f"{self.path}: {what}, expected the recording of a run")
         return self.stored_scene
 
     @property
@@ -249,16 +250,7 @@ def read_recording(source: Source) -> Recording:
     written_as, parameters = description.parameters_in(found.path, found.salvage, problems)
     of_keys = written_as == description.KEYS_FORMAT
     scene = None if of_keys else description.scene_in(found.path, found.salvage)
-    return Recording(
-        found.path,
-        parameters,
-        scene,
-        found.records,
-        (*problems, *found.behind(problems)),
-        found.schedule,
-        found.size,
-        written_as,
-    )
+    return found.recording(written_as, parameters, scene, problems)
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,20 +267,34 @@ class FileContents:
         """Return what is wrong with the file."""
         return tuple(self.salvage.problems)
 
-    def behind(self, problems: Sequence[str]) -> Iterator[str]:
+    def _behind(self, problems: Sequence[str]) -> Iterator[str]:
         """Yield what else is wrong, where so much is known to be."""
         if self.records.lost:
             yield f"{self.records.lost} messages belong to channels that are lost"
         elif self.salvage.gap is not None and not problems:
             yield self.salvage.gap
 
-    @property
-    def schedule(self) -> bytes | None:
-        """Return the text of the schedule, if there is one."""
+    def recording(
+        self,
+        written_as: str,
+        parameters: Mapping[str, str],
+        scene: Scene | None,
+        problems: Sequence[str],
+    ) -> Recording:
+        """Return the recording with what was found in it, and what else is wrong."""
         schedules = (
             each.data for each in self.salvage.attachments if each.name == description.SCHEDULE
         )
-        return next(schedules, None)
+        return Recording(
+            self.path,
+            parameters,
+            scene,
+            self.records,
+            (*problems, *self._behind(problems)),
+            next(schedules, None),
+            self.size,
+            written_as,
+        )
 
 
 def read(source: Source) -> FileContents:

@@ -4,61 +4,17 @@ The messages of every whole chunk are there. What the file no longer says about 
 when you recover it; otherwise it stays lost.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
-from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings import description
 from cubepath.protocol.recordings.mcap_file import checksum
 from cubepath.protocol.recordings.recording import FileContents, Recording, read
-from cubepath.protocol.recordings.stored_messages import Record
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 
 
-@dataclass(frozen=True, slots=True)
-class Remains:
-    """What remains of a recording; `problems` is empty if that is everything."""
-
-    path: Path
-    parameters: Mapping[str, str]
-    """Empty if they are lost."""
-    stored_scene: Scene | None
-    """None if it is lost, or if it is of messages on any keys."""
-    records: Sequence[Record]
-    problems: tuple[str, ...]
-    schedule: bytes | None
-    size: int
-    format: str
-    """Derived from the messages where possible, unless you supply it."""
-
-    def with_scene(self, scene: Scene) -> Remains:
-        """Return the same with a scene, unless it has its own."""
-        return self if self.stored_scene is not None else replace(self, stored_scene=scene)
-
-    def recording(self) -> Recording | None:
-        """Return it as a recording; None if the scene is lost."""
-        if self.stored_scene is None and self.format != description.KEYS_FORMAT:
-            return None
-        return Recording(
-            self.path,
-            self.parameters,
-            self.stored_scene,
-            self.records,
-            self.problems,
-            self.schedule,
-            self.size,
-            self.format,
-        )
-
-
-def remains_of(source: Source) -> Remains:
-    """Return what remains of a recording, damaged or not.
+def remains_of(source: Source) -> Recording:
+    """Return what remains of a recording, damaged or not: maybe without scene or parameters.
 
     InputError if there is no message in any chunk that is whole, or if the file is none of ours.
 
@@ -78,16 +34,7 @@ def remains_of(source: Source) -> Remains:
             scene = description.scene_in(found.path, found.salvage)
     except InputError:
         problems.append("its scene is lost")
-    return Remains(
-        found.path,
-        parameters,
-        scene,
-        found.records,
-        (*problems, *found.behind(problems)),
-        found.schedule,
-        found.size,
-        written_as,
-    )
+    return found.recording(written_as, parameters, scene, problems)
 
 
 def _described(found: FileContents, problems: list[str]) -> tuple[str, dict[str, str]]:

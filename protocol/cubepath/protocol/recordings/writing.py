@@ -9,12 +9,15 @@ import contextlib
 import errno
 import os
 import stat
+import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Self
 
 import msgspec
+from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import (
@@ -27,7 +30,6 @@ from cubepath.protocol.core.output_files import (
 )
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings import description
-from cubepath.protocol.recordings.appending import McapAppender
 from cubepath.protocol.recordings.mcap_file import kind_in
 from cubepath.protocol.recordings.plain_messages import PutSettings, key_in
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -35,7 +37,6 @@ from cubepath.protocol.wire.on_record import schema_of
 
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import Recording
-    from cubepath.protocol.recordings.remains import Remains
     from cubepath.protocol.recordings.stored_messages import Record
 
 FLUSH_S = 0.5
@@ -46,6 +47,10 @@ _CHANNEL_BYTES = 64
 """More than a channel or schema takes beside its texts; both stand in the summary once more."""
 _COUNTS_BYTES = 1 << 13
 """More than the counts at the end take."""
+_MESSAGE_BYTES = 31
+"""What a message takes beside its data."""
+_INDEX_BYTES = 45
+"""More than the index of a chunk takes beside 10 bytes for a channel and 16 for a message."""
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
 
@@ -58,6 +63,36 @@ class RecordingFull(CheckError):  # noqa: N818 - named for a state
 
     If the file was removed or cut, which are other causes, nothing or little can be read.
     """
+
+
+class CountedStream:
+    """A stream that knows how much was written: a pipe cannot tell."""
+
+    def __init__(self, stream: IO[bytes]) -> None:
+        self._stream = stream
+        self.written = 0
+
+    def write(self, data: bytes) -> None:
+        """Write bytes, and count them."""
+        self.written += len(data)
+        self._stream.write(data)
+
+    def tell(self) -> int:
+        """Return how much was written."""
+        return self.written
+
+    def flush(self) -> None:
+        """Flush the stream."""
+        self._stream.flush()
+
+
+def mcap_writer(stream: CountedStream, profile: str, chunk_bytes: int = sys.maxsize) -> Writer:
+    """Return the writer of the mcap package, with all CRCs."""
+    writer = Writer(
+        stream, chunk_size=chunk_bytes, compression=CompressionType.ZSTD, enable_data_crcs=True
+    )
+    writer.start(profile, profile)
+    return writer
 
 
 class RecordingWriter:
@@ -106,6 +141,8 @@ class RecordingWriter:
         self._schemas: dict[str, int] = {}
         self._broken = False
         self._size = 0
+        # Bytes and messages of the open chunk, and bytes of the summary so far.
+        self._open = self._open_messages = self._summary = 0
         self._by_wall = description.has_wall_times(self._format, parameters)
         try:
             self._guard(lambda: self._begin(schedule))
@@ -114,17 +151,21 @@ class RecordingWriter:
             raise
 
     def _begin(self, schedule: bytes | None) -> None:
-        self._writer = McapAppender(self._stream, "cubepath")
+        self._counted = CountedStream(self._stream)
+        self._writer = mcap_writer(self._counted, "cubepath")
         self._describe()
         if schedule is not None:
-            self._writer.add_attachment(description.SCHEDULE, "application/jsonl", schedule)
+            self._attach(description.SCHEDULE, "application/jsonl", schedule)
         self._flush()
 
     def _describe(self) -> None:
         """Write what the recording is of."""
         self._writer.add_metadata(description.METADATA, self._parameters)
         if self._scene is not None:
-            self._writer.add_attachment(description.SCENE, "application/toml", self._scene)
+            self._attach(description.SCENE, "application/toml", self._scene)
+
+    def _attach(self, name: str, media_type: str, data: bytes) -> None:
+        self._writer.add_attachment(0, 0, name, media_type, data)
 
     def _guard(self, write: Callable[[], object]) -> None:
         if self._broken:
@@ -161,20 +202,22 @@ class RecordingWriter:
         """
         if self._broken:
             self._guard(self._flush)
-        if not 0 <= round_number < 1 << 64:
-            raise InputError(
-                f"{self.path}: message {self.messages} ({topic}) is of round {round_number},"
-                " expected 0 or more, in 64 bits"
-            )
+        for what, at in (("of round", round_number), ("of time", wall_ns)):
+            if not 0 <= at < 1 << 64:
+                raise InputError(
+                    f"{self.path}: message {self.messages} ({topic}) is {what} {at},"
+                    " expected 0 or more, in 64 bits"
+                )
         put = _PUT_PLAINLY if put is None and self._of_keys else put
         channel = self._channels.get((topic, put)) or self._channel(topic, put)
-        writer = self._writer
         number = self.messages if sequence is None else sequence
         log_time = wall_ns if self._by_wall else round_number
-        writer.add_message(channel, number, log_time, wall_ns, data)
+        self._writer.add_message(channel, log_time, data, wall_ns, number)
         self.messages += 1
+        self._open_messages += 1
+        self._open += len(data) + _MESSAGE_BYTES
         self._counts.add(topic, data, log_time if self._of_keys else wall_ns)
-        if writer.size > CHUNK_BYTES or self._is_due():
+        if self._open > CHUNK_BYTES or self._is_due():
             self._guard(self._flush)
 
     def _channel(self, topic: str, put: PutSettings | None) -> int:
@@ -185,12 +228,15 @@ class RecordingWriter:
             )
         if put is None:
             schema = self._schema(f"cubepath.{kind_in(topic)}", topic)
-            found = self._writer.add_channel(topic, "json", schema)
+            found = self._writer.register_channel(topic, "json", schema)
         else:
             plain = topic == key_in(topic)  # neither an attachment nor a deletion
             schema = self._schema(put.schema, None) if plain and put.schema else 0
             encoding = put.mcap_encoding if plain else ""
-            found = self._writer.add_channel(topic, encoding, schema, put.to_metadata())
+            settings = put.to_metadata()
+            self._grow("".join(chain(*settings.items())))
+            found = self._writer.register_channel(topic, encoding, schema, settings)
+        self._grow(topic)
         self._channels[topic, put] = found
         return found
 
@@ -202,7 +248,21 @@ class RecordingWriter:
             new += 2 * len(put.encoding) + 2 * _CHANNEL_BYTES if new else 0
         elif f"cubepath.{kind_in(topic)}" not in self._schemas:
             new += len(msgspec.json.encode(schema_of(kind_in(topic)))) + _CHANNEL_BYTES
-        return self._writer.size_with(size + 2 * new) + _COUNTS_BYTES
+        chunk = self._open + size + _MESSAGE_BYTES + 2 * new
+        return (
+            self._counted.written
+            + chunk
+            + chunk // 128  # what cannot be compressed grows by less
+            + 16 * (self._open_messages + 1)
+            + _INDEX_BYTES * (len(self._channels) + 1)
+            + self._summary
+            + _COUNTS_BYTES
+        )
+
+    def _grow(self, text: str | bytes) -> None:
+        """Note a text of a channel or schema, which stands in the open chunk and the summary."""
+        self._open += len(text) + _CHANNEL_BYTES
+        self._summary += len(text) + _CHANNEL_BYTES
 
     def _is_due(self) -> bool:
         """Return whether a message has waited for long, with the one that was just appended."""
@@ -214,9 +274,9 @@ class RecordingWriter:
 
     def has(self, size: int) -> bool:
         """Return whether the file has this many bytes; what waits is written if it may decide."""
-        if self._writer.written + self._writer.size >= size:
+        if self._counted.written + self._open >= size:
             self.flush()
-        return self._writer.written >= size
+        return self._counted.written >= size
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record of another name than the recording's own."""
@@ -230,14 +290,20 @@ class RecordingWriter:
 
     def flush(self) -> None:
         """Write what was appended, so that it can be read whatever happens."""
-        if self._writer.size:
+        if self._open:
             self._guard(self._flush)
 
     def _flush(self) -> None:
         self._check_size()
-        self._writer.close_chunk()
+        self._close_chunk()
         self._check_place()
         self._due = None
+
+    def _close_chunk(self) -> None:
+        self._writer.flush()
+        if self._open_messages:
+            self._summary += 2 * _INDEX_BYTES + 10 * len(self._channels)
+            self._open = self._open_messages = 0
 
     def _check_size(self) -> None:
         """Check that nothing was cut off; the next write would fill the gap with zeros."""
@@ -264,14 +330,15 @@ class RecordingWriter:
         known = self._schemas.get(name)
         if known is None and topic is not None:
             text = msgspec.json.encode(schema_of(kind_in(topic)))
-            known = self._schemas[name] = self._writer.add_schema(name, "jsonschema", text)
+            known = self._schemas[name] = self._writer.register_schema(name, "jsonschema", text)
+            self._grow(text)
         elif known is None:
-            known = self._schemas[name] = self._writer.add_schema(name, "", b"")
+            known = self._schemas[name] = self._writer.register_schema(name, "", b"")
         return known
 
     def _finish(self) -> None:
         self._check_size()
-        self._writer.close_chunk()
+        self._close_chunk()
         self._describe()  # once more, far from the first: damage to one of them costs nothing
         self._counts.messages = self.messages  # by which they are numbered, so a gap does not fit
         self._writer.add_metadata(description.COUNTS, self._counts.to_metadata())
@@ -323,7 +390,7 @@ def refuse_existing(path: Path) -> None:
         raise _exists(path)
 
 
-def refuse_source(recording: Recording | Remains, out: Path) -> None:
+def refuse_source(recording: Recording, out: Path) -> None:
     """Raise InputError if a file to write is the recording itself, or exists already."""
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
@@ -331,7 +398,7 @@ def refuse_source(recording: Recording | Remains, out: Path) -> None:
 
 
 def copy_to(
-    stream: IO[bytes], out: Path, like: Recording | Remains, notes: Mapping[str, str]
+    stream: IO[bytes], out: Path, like: Recording, notes: Mapping[str, str]
 ) -> RecordingWriter:
     """Return a writer of a recording of the same run, with other parameters."""
     return RecordingWriter(
@@ -352,9 +419,7 @@ def append(writer: RecordingWriter, records: Iterable[Record]) -> None:
         )
 
 
-def copy_recording(
-    recording: Recording | Remains, out: Path, notes: Mapping[str, str] | None = None
-) -> int:
+def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
     """Write what could be read as a complete recording, in its format; return the message count.
 
     Messages keep their numbers, so that a hole between them can be seen. `notes` are parameters to

@@ -14,13 +14,14 @@ message is not numbered. `halted` and `commits` carry the last number instead. C
 by `serial`.
 """
 
-from typing import Annotated, Any, TypeAlias, cast
+from typing import Annotated, Any, TypeAlias, cast, get_args
 
 import msgspec
 
 from cubepath.protocol.core.sites import Site, site_hook
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.messages import (
+    KINDS,
     MESSAGE_BYTES_MAX,
     Certified,
     Count,
@@ -352,16 +353,7 @@ FreeMessage: TypeAlias = (
 )
 """Any message of a run without rounds, on the wire or in its recording."""
 FREE_KINDS: dict[str, type[msgspec.Struct]] = {
-    "requests": Requests,
-    "forwards": Forwards,
-    "replies": Replies,
-    "tile": TileUpdate,
-    "commit": Commit,
-    "turns": Turns,
-    "halted": Halted,
-    "fetch": CommitQuery,
-    "retransmit_range": RetransmitRange,
-    "commits": CommitLog,
+    kind.__struct_config__.tag: kind for kind in get_args(FreeMessage) if kind not in KINDS.values()
 }
 """The kinds that a run with rounds does not have."""
 

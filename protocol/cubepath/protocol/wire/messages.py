@@ -12,7 +12,7 @@ field are no message. An unknown field belongs to a later version and is ignored
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 import msgspec
 
@@ -331,29 +331,7 @@ Message: TypeAlias = (
     | Summary
 )
 """Any message on the wire or in a recording."""
-KINDS: dict[str, type[Message]] = {
-    "presence": Presence,
-    "note": Note,
-    "claim": Claim,
-    "verdict": Verdict,
-    "report": Report,
-    "observation": ModuleObservation,
-    "action": ChosenAction,
-    "bundle": Bundle,
-    "reports": Reports,
-    "observations": Observations,
-    "actions": ChosenActions,
-    "go": Go,
-    "reset": Reset,
-    "ready": Ready,
-    "retransmit": Retransmit,
-    "waiting": Waiting,
-    "refused": Refused,
-    "edges": Edges,
-    "cube": Cube,
-    "certificate": Certified,
-    "summary": Summary,
-}
+KINDS: dict[str, type[Message]] = {kind.__struct_config__.tag: kind for kind in get_args(Message)}
 
 _BATCHES = frozenset((Bundle, Reports, Observations, ChosenActions))
 _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message, dec_hook=site_hook)

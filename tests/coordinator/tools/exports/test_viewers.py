@@ -126,7 +126,7 @@ def test_a_cube_rolls_about_an_edge_that_it_keeps() -> None:
     action = scene.system.action("along", (0, 0, 1))
     state = RunState(1, 0, ((1, 0, 1), *scene.start[1:]), {0: (0, 0, 1)}, {0: action})
     encoder = SceneEncoder(scene)
-    data = {each.topic: each.data for each in encoder.state(state, 0, 0.5)}
+    data = dict(encoder.state(state, 0, 0.5))
     schema = encoder.schemas()["/tf"]
     pose, below, _ = kind_of(schema[0], schema[2]).FromString(data["/tf"]).transforms
     at, turn = pose.translation, pose.rotation

@@ -18,6 +18,7 @@ from typing import IO, Any, Literal, NamedTuple, TypeAlias
 
 import msgspec
 import numpy as np
+from mcap.writer import Writer
 
 from cubepath.agents.rendering.pictures import colours, solid_of, way_of
 from cubepath.agents.rendering.style import GOAL, INK, WALL, Colour, Solid, parts_of
@@ -26,11 +27,10 @@ from cubepath.coordinator.runs.states import RunState, states_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.appending import McapAppender
 from cubepath.protocol.recordings.cutting import MessageSelection
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.stored_messages import Record
-from cubepath.protocol.recordings.writing import CHUNK_BYTES, TOPICS_MAX
+from cubepath.protocol.recordings.writing import CHUNK_BYTES, TOPICS_MAX, CountedStream, mcap_writer
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.free_messages import Commit, CommitLog, decode_free
 from cubepath.protocol.wire.on_record import schema_of
@@ -365,21 +365,19 @@ def write_viewer_mcap(
     stage = SceneEncoder(recording.scene) if in_space else None
     messages = _messages(recording, times, selection)
     robot = iter(()) if stage is None else _robot(recording, times, selection, stage)
-    appender = McapAppender(stream, PROFILE)
+    writer = mcap_writer(CountedStream(stream), PROFILE, CHUNK_BYTES)
     notes = {"format": PROFILE, "recorded_as": recording.format}
-    appender.add_metadata("cubepath", {**recording.parameters, **notes})
-    appender.add_attachment(
-        "scene.toml", "application/toml", scene_to_toml(recording.scene).encode()
+    writer.add_metadata("cubepath", {**recording.parameters, **notes})
+    writer.add_attachment(
+        0, 0, "scene.toml", "application/toml", scene_to_toml(recording.scene).encode()
     )
-    channel = _channels(appender, {} if stage is None else stage.schemas())
+    channel = _channels(writer, {} if stage is None else stage.schemas())
     count = 0
     for timed in heapq.merge(robot, messages, key=lambda timed: timed.log_time):
         channel_id = channel(timed.topic)
-        appender.add_message(channel_id, count, timed.log_time, timed.wall_ns, timed.data)
+        writer.add_message(channel_id, timed.log_time, timed.data, timed.wall_ns, count)
         count += 1
-        if appender.size > CHUNK_BYTES:
-            appender.close_chunk()
-    appender.finish()
+    writer.finish()
     return count
 
 
@@ -426,10 +424,10 @@ def _moments(
 
 
 def _channels(
-    appender: McapAppender, protobuf: Mapping[str, tuple[str, str, bytes]]
+    writer: Writer, protobuf: Mapping[str, tuple[str, str, bytes]]
 ) -> Callable[[str], int]:
     """Return a function that returns the channel of a topic, and adds it when it is first used."""
-    schema = cache(appender.add_schema)
+    schema = cache(writer.register_schema)
     json_schema = cache(lambda kind: msgspec.json.encode(schema_of(kind)))
 
     @cache
@@ -437,10 +435,10 @@ def _channels(
         if channel.cache_info().currsize == TOPICS_MAX:
             raise InputError(f"{topic}: one more topic than a file can have, {TOPICS_MAX}")
         if topic in protobuf:
-            return appender.add_channel(topic, "protobuf", schema(*protobuf[topic]))
+            return writer.register_channel(topic, "protobuf", schema(*protobuf[topic]))
         kind = topic.partition("/")[0]
         told = schema(f"cubepath.{kind}", "jsonschema", json_schema(kind))
-        return appender.add_channel(topic, "json", told)
+        return writer.register_channel(topic, "json", told)
 
     return channel
 

@@ -1,7 +1,6 @@
 """Self-contained moves read straight into arrays: the same as line by line, and no action built."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -15,11 +14,10 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.file_forms import NO_HINTS
-from cubepath.protocol.path_files import contents, scanning
+from cubepath.protocol.path_files import numbered
 from cubepath.protocol.path_files.moves import read_moves
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
 from cubepath.protocol.path_files.supports import TabledActions, ranks, supports_of
-from oracles.plain_steps import COMPILED, PLAIN, plain_steps
 from samples.strategies import lists_of
 
 Line = dict[str, str]
@@ -156,8 +154,6 @@ def saved(folder: Path, text: bytes) -> Path:
     return path
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("steps", [PLAIN, COMPILED])
 @given(
     seed=st.integers(0, 2**32),
     size=st.integers(0, 40),
@@ -165,19 +161,12 @@ def saved(folder: Path, text: bytes) -> Path:
     labels=st.sampled_from([3, 1000]),
 )
 def test_what_means_the_same_is_the_same_however_it_is_written(
-    tmp_path_factory: pytest.TempPathFactory,
-    steps: int,
-    *,
-    seed: int,
-    size: int,
-    named: bool,
-    labels: int,
+    tmp_path_factory: pytest.TempPathFactory, *, seed: int, size: int, named: bool, labels: int
 ) -> None:
     """Spellings of sites, their order, doubled sites and ids, swapped ends, white space."""
     lines = a_path(seed, size, named=named, labels=labels)
     path = saved(tmp_path_factory.mktemp("moves"), "\n".join(lines).encode())
-    with plain_steps(steps):
-        found = quickly(path)
+    found = quickly(path)
     if isinstance(found, NumberedPath):
         assert isinstance(found.actions, TabledActions)
         start = found.stated_start()
@@ -189,7 +178,6 @@ def test_what_means_the_same_is_the_same_however_it_is_written(
 DAMAGE = b'{}[]",:\\ \t\r\n\x0b\x00\xff1e-.truefalsnid'
 
 
-@pytest.mark.parametrize("steps", [PLAIN, COMPILED])
 @given(
     seed=st.integers(0, 2**32),
     size=st.integers(1, 6),
@@ -200,7 +188,6 @@ DAMAGE = b'{}[]",:\\ \t\r\n\x0b\x00\xff1e-.truefalsnid'
 )
 def test_damage_is_told_as_line_by_line(
     tmp_path_factory: pytest.TempPathFactory,
-    steps: int,
     *,
     seed: int,
     size: int,
@@ -213,8 +200,7 @@ def test_damage_is_told_as_line_by_line(
         place = where % max(1, len(text))
         text[place : place + (how > 0)] = bytes([byte]) if how < 2 else b""
     path = saved(tmp_path_factory.mktemp("moves"), bytes(text))
-    with plain_steps(steps):
-        found = quickly(path)
+    found = quickly(path)
     assert everything(found) == everything(plainly(path))
 
 
@@ -283,30 +269,16 @@ def test_odd_lines_are_told_as_line_by_line(tmp_path: Path, what: str) -> None:
         assert everything(quickly(path)) == everything(plainly(path))
 
 
-@pytest.mark.parametrize("size", [1, 7, 64, 1 << 20])
-def test_pieces_of_any_size_give_one_path(
+@pytest.mark.parametrize("size", [1, 7, 64])
+def test_portions_of_any_size_give_one_path(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
 ) -> None:
-    """Lines that cross them, with and without a newline at the end."""
+    """With and without a newline at the end."""
     lines = a_path(5, 60, named=True, labels=1000)
-    monkeypatch.setattr(contents, "PIECE", size)
+    monkeypatch.setattr(numbered, "PORTION", size)
     for end in ("", "\n", "\n\n \n"):
         path = saved(tmp_path, ("\r\n".join(lines) + end).encode())
         assert everything(quickly(path)) == everything(plainly(path))
-
-
-def test_texts_chosen_for_one_place_are_read_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Where a search for a text would take long, the reader of lines takes over."""
-    path = saved(tmp_path, "\n".join(a_path(3, 60, named=True, labels=1000)).encode())
-    usual: Callable[..., int] = scanning.scan.in_python
-    monkeypatch.setitem(usual.__globals__, "PROBES", 0)
-    with plain_steps(PLAIN):
-        found = quickly(path)
-    assert isinstance(found, NumberedPath)
-    assert not isinstance(found.actions, TabledActions)
-    assert everything(found) == everything(plainly(path))
 
 
 SITES: st.SearchStrategy[Site] = st.recursive(
