@@ -4,8 +4,9 @@
 
 For each bug the first seed that fails is shrunk and explained. The guilty event is the first wrong
 act of the bug without which the run holds; it ends with the first event that differs because of it.
-*Distance* is in events from there, *seconds* are of processor time, shrinking not counted. Nothing
-is random: the same code gives the same rows.
+*Named* is the event that decided it; if that is a fault, the last event too. *Distance* is in
+events from the nearest of these, *seconds* are of processor time, shrinking not counted. Nothing is
+random: the same code gives the same rows.
 """
 
 import sys
@@ -22,17 +23,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     asked = list(sys.argv[1:] if arguments is None else arguments)
     names = [name for name in asked if name in planted()] or list(planted())
     print(
-        f"{'bug':<22}{'seed':>6}{'events':>8}{'guilty':>12}{'found':>7}{'distance':>10}{'seconds':>9}"
+        f"{'bug':<22}{'seed':>6}{'events':>8}{'guilty':>12}{'named':>9}{'distance':>10}{'seconds':>9}"
     )
     near = 0
     for name in names:
         each = judged(name)
-        found = "-" if each.found is None else each.found
+        named = ", ".join(map(str, each.named)) or "-"
         distance = "-" if each.distance is None else each.distance
         near += each.distance is not None and each.distance <= 10
         guilty = "-".join(map(str, each.guilty))
         print(
-            f"{name:<22}{each.seed:>6}{each.events:>8}{guilty:>12}{found:>7}{distance:>10}"
+            f"{name:<22}{each.seed:>6}{each.events:>8}{guilty:>12}{named:>9}{distance:>10}"
             f"{each.seconds:>9.1f}",
             flush=True,
         )

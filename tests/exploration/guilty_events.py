@@ -41,15 +41,16 @@ class Verdict(NamedTuple):
     seed: int
     events: int
     guilty: tuple[int, int]
-    found: int | None
+    named: tuple[int, ...]
+    """The event that decided it; if that is a fault, the last one as well."""
     seconds: float
     """Processor time."""
 
     @property
     def distance(self) -> int | None:
-        """Return how many events the answer is from the guilty one; None if there is no answer."""
+        """Return how far the guilty event is from the nearest named; None if none is named."""
         begin, end = self.guilty
-        return None if self.found is None else max(0, begin - self.found, self.found - end)
+        return min((max(0, begin - each, each - end) for each in self.named), default=None)
 
 
 def judged(name: str) -> Verdict:
@@ -71,7 +72,8 @@ def judged(name: str) -> Verdict:
     seconds = time.process_time() - began
     steps = _Branches(run, seed, simulator, lambda _: None).steps
     guilty = tuple(_event(steps, each) for each in (begin, end))
-    return Verdict(seed, cause.events, (guilty[0], guilty[1]), cause.event, seconds)
+    named = () if cause.event is None else (cause.event, *[cause.events] * cause.fault)
+    return Verdict(seed, cause.events, (guilty[0], guilty[1]), named, seconds)
 
 
 def _event(steps: list[int], step: int) -> int:

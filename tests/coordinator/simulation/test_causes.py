@@ -72,8 +72,10 @@ def test_the_event_is_named_drawn_and_the_same_again(
     cause = failed["cause"]
     assert (answers[0]["seeds"], cause) == (1, answers[1]["failed"][0]["cause"])
     assert sum(line.startswith(">") for line in cause["around"]) == 1
-    assert 1 < len(cause["around"]) <= 11
+    assert 1 < len(cause["around"]) <= 17
     assert cause["what"] in "\n".join(cause["around"])
+    assert (cause["fault"], "fault: duplicate" in cause["what"]) == (True, True)
+    assert cause["around"][-1].startswith(f"  event {cause['events']},")
     by_event = {point["event"]: point for point in cause["points"]}
     assert by_event[cause["event"]]["probability"] > by_event[0]["probability"]
     assert all(each["low"] <= each["probability"] <= each["high"] for each in cause["points"])
@@ -116,8 +118,8 @@ def test_it_is_near_what_a_bug_did_wrong() -> None:
 @pytest.mark.nightly
 @pytest.mark.thorough
 def test_most_planted_bugs_are_found_within_ten_events() -> None:
-    """Seven of twelve; in the others it names the fault that made the act inevitable, or none."""
+    """Eight of twelve at least; one bug shows whatever happens, one long after it has acted."""
     found = [judged(name) for name in planted()]
     assert len(found) == 12
-    assert sum(each.distance is not None and each.distance <= 10 for each in found) >= 7
+    assert sum(each.distance is not None and each.distance <= 10 for each in found) >= 8
     assert all(each.seconds < 120 for each in found)

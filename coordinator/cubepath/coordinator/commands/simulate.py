@@ -134,6 +134,8 @@ def _cause(kept: KeptRun) -> str:
     lines = [f"seed {kept.seed}, faults: {'; '.join(kept.faults) or 'none'}", *cause.around]
     if cause.event is None:
         lines.append(cause.what)
+    if cause.fault:
+        lines.append(f"a fault decided it: the bug acts later, up to event {cause.events}")
     for event in (0,) if cause.event is None else (cause.event - 1, cause.event):
         point = next(each for each in cause.points if each.event == event)
         low, high = point.interval

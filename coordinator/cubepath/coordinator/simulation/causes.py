@@ -31,7 +31,7 @@ _SIDE, _GRID, _GRID_PLAYS = 24, 16, 8
 _STEPS_MAX = 800_000
 """After this many steps in all no more points are added to the curve."""
 _AROUND = 5
-"""This many messages before the event are shown, and after it."""
+"""This many messages before the event are shown, and after it; and before the last."""
 
 
 @dataclass(slots=True)
@@ -67,7 +67,10 @@ class Cause:
     """The number of the event after which most runs fail; None if they do so from the start."""
     what: str
     around: tuple[str, ...] = ()
-    """The messages around it, one a line; the event itself is marked."""
+    """The messages around it, one a line; the event itself is marked. With `fault` also the last.
+    """
+    fault: bool = False
+    """Whether a fault decided it; what is wrong then comes later, and shows in the last event."""
     place: tuple[int, str] | None = None
     """When it was, in microseconds, and at which process, or from which if it is the router's."""
 
@@ -164,11 +167,14 @@ class _Branches:
         told = [
             number
             for number in range(1, self.last + 1)
-            if number == event or self.of(number).put is not None or self.faults[number]
+            if number in (event, self.last) or self.of(number).put or self.faults[number]
         ]
         place = told.index(event)
-        shown = told[max(0, place - _AROUND) : place + _AROUND + 1]
-        return tuple(f"{'>' if each == event else ' '} {self.text(each)}" for each in shown)
+        shown = {*told[max(0, place - _AROUND) : place + _AROUND + 1]}
+        if self.faults[event]:
+            shown.update(told[-_AROUND - 1 :])
+        lines = ((">" if each == event else " ", self.text(each)) for each in sorted(shown))
+        return tuple(f"{mark} {text}" for mark, text in lines)
 
 
 def cause_of(
@@ -207,5 +213,6 @@ def cause_of(
         event=high,
         what=branches.text(high),
         around=branches.around(high),
+        fault=bool(branches.faults[high]),
         place=place if place[1] else None,
     ), branches.trace
