@@ -28,7 +28,7 @@ from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, fre
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario, built
 from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, host_node, simulate
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.network import NETWORK_FAULTS, NetworkFault, NetworkFaultKind
+from cubepath.coordinator.testing.network import FIELDS_OF, NetworkFault, NetworkFaultKind
 from cubepath.coordinator.testing.rules import SECONDS_MAX, Direction
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
@@ -364,23 +364,37 @@ _NTH_OWN_MAX = 20
 
 
 def network_faults(
-    processes: Sequence[str], *, kinds: Sequence[NetworkFaultKind] = NETWORK_FAULTS, most: int = 3
+    processes: Sequence[str],
+    *,
+    kinds: Sequence[NetworkFaultKind] = tuple(FIELDS_OF),
+    keys: Sequence[str] | None = None,
+    most: int = 3,
 ) -> SearchStrategy[list[NetworkFault]]:
     """Return a strategy of lists of faults of your own processes, for `NetworkUnderTest.inject`.
 
-    They shrink towards none, then to the first of `kinds`, early and few messages.
+    With `keys`, key expressions, each fault counts the messages on one of them. All strike within
+    the first 20 messages that they count. They shrink towards none, then to the first of `kinds`,
+    early and few messages.
 
     >>> from hypothesis import find
     >>> find(network_faults(["arm"], kinds=["cut"]), lambda each: len(each) > 0)
-    [NetworkFault(kind='cut', process='arm', nth=0, count=1, way='up', seconds=0.01)]
+    [NetworkFault('cut', 'arm')]
     """
-    one = st.builds(
-        NetworkFault,
-        st.sampled_from(list(kinds)),
-        st.sampled_from(list(processes)),
-        st.integers(0, _NTH_OWN_MAX),
-        st.integers(1, _NTH_OWN_MAX),
-        st.sampled_from(get_args(Direction)),
-        st.sampled_from((0.01, 0.1, 0.5)),
-    )
-    return st.lists(one, max_size=most)
+    if isinstance(keys, str):
+        raise InputError(f"keys={keys!r}: expected key expressions, as ['robot/arm']")
+    drawn: dict[str, SearchStrategy[Any]] = {
+        # Of what comes rarely, the first messages are the ones that can be lost.
+        "nth": st.integers(0, 2) | st.integers(0, _NTH_OWN_MAX),
+        "count": st.integers(1, 3) | st.integers(1, _NTH_OWN_MAX),
+        "way": st.sampled_from(get_args(Direction)),
+        "seconds": st.sampled_from((0.01, 0.1, 0.5)),
+        **({} if keys is None else {"key": st.sampled_from(list(keys))}),
+    }
+
+    def of_kind(kind: NetworkFaultKind) -> SearchStrategy[NetworkFault]:
+        fields = {
+            name: each for name, each in drawn.items() if name in ("nth", "key", *FIELDS_OF[kind])
+        }
+        return st.builds(NetworkFault, st.just(kind), st.sampled_from(list(processes)), **fields)
+
+    return st.lists(st.sampled_from(list(kinds)).flatmap(of_kind), max_size=most)
