@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import Recording
 
 _MB = 1_000_000
+_ROUNDS_MAX = 10**9
+"""Log times on any keys are nanoseconds since 1970; what is less than a second was no log time."""
 _LOG_TIME = re.compile(r"(\d{1,20}(?:\.\d+)?|\.\d+)(s)|\d{1,20}", re.ASCII)
 
 
@@ -108,6 +110,10 @@ def _log_time(text: str) -> int | float:
 
 def _within(recording: Recording, asked: float | None) -> int | None:
     """Return a log time of a recording; seconds are counted from its first message."""
+    if recording.of_keys and isinstance(asked, int) and asked < _ROUNDS_MAX:
+        raise InputError(
+            f"{asked}: messages on any keys have no rounds, expected a time such as {asked}s"
+        )
     if not isinstance(asked, float):
         return asked
     if not recording.of_keys:
@@ -204,8 +210,7 @@ def add_log_export(export: argparse.ArgumentParser) -> None:
     export.add_argument(
         "--table",
         choices=("moves", "claims", "messages", "rounds"),
-        default="moves",
-        help="which table (default moves)",
+        help="which table (default moves; on any keys messages)",
     )
     add_selection_options(export)
     more = more_options(export)
@@ -381,9 +386,11 @@ def _record(options: argparse.Namespace) -> int:
             interrupted = True
     console.answer(options, _document(recorder), console.table(_rows(recorder)))
     _complain_of(recorder, keys)
-    if interrupted:
+    if interrupted and keys is None:
         console.complain("interrupted")
         return console.INTERRUPTED
+    if interrupted:  # as a recorder of any keys usually ends
+        options.interrupts.came = False
     return console.FAILED if recorder.ended == "router gone" else console.DONE
 
 
