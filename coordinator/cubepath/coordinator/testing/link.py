@@ -483,33 +483,28 @@ class LinkProxy:
         Messages sent meanwhile are lost or, if kept, arrive when the link is healed. Signs of
         life, and questions, are kept in both cases: neither side is notified that the link is cut.
         """
-        self.up.cut = self.down.cut = "kept" if keep else "lost"
-        for lane in (self.up, self.down):
-            lane.wake()
+        self._cut("kept" if keep else "lost")
 
     def heal(self) -> None:
         """Let everything through again."""
-        self.up.cut = self.down.cut = ""
+        self._cut("")
+
+    def _cut(self, how: Cut) -> None:
         for lane in (self.up, self.down):
+            lane.cut = how
             lane.wake()
 
     def check(self) -> None:
         """Raise CheckError if a rule raised, or messages were lost because too many waited."""
         for lane in (self.up, self.down):
+            link, way = f"the link of {self.name}", f"on the way {lane.direction}"
             if lane.error is not None:
-                raise CheckError(
-                    f"a rule of the link of {self.name} raised {lane.error!r}"
-                ) from lane.error
+                raise CheckError(f"a rule of {link} raised {lane.error!r}") from lane.error
             if lane.broken is not None:
-                raise CheckError(
-                    f"the link of {self.name} raised {lane.broken!r} on the way {lane.direction}"
-                ) from lane.broken
+                raise CheckError(f"{link} raised {lane.broken!r} {way}") from lane.broken
             if lane.overflowed:
-                raise CheckError(
-                    f"the link of {self.name} lost {lane.overflowed} messages on the way"
-                    f" {lane.direction}: more than {WAITING_MAX}, or {WAITING_BYTES_MAX >> 20} MiB,"
-                    " waited"
-                )
+                limits = f"more than {WAITING_MAX}, or {WAITING_BYTES_MAX >> 20} MiB, waited"
+                raise CheckError(f"{link} lost {lane.overflowed} messages {way}: {limits}")
 
     def close(self) -> None:
         """Take the link away."""

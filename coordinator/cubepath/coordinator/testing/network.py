@@ -33,16 +33,7 @@ _POLL_S = 0.01
 NetworkFaultKind: TypeAlias = Literal[
     "drop", "double", "delay", "reorder", "cut", "pause", "restart"
 ]
-FIELDS_OF: dict[NetworkFaultKind, tuple[str, ...]] = {
-    "drop": ("count", "way"),
-    "double": ("count", "way", "seconds"),
-    "delay": ("count", "way", "seconds"),
-    "reorder": ("count", "way"),
-    "cut": ("count",),
-    "pause": ("way", "seconds"),
-    "restart": ("way",),
-}
-"""The fields of `NetworkFault` that mean something for each kind, in addition to those of all."""
+NETWORK_FAULTS: tuple[NetworkFaultKind, ...] = get_args(NetworkFaultKind)
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -73,7 +64,7 @@ class NetworkFault:
     def __post_init__(self) -> None:
         """Check it; InputError for what is no fault."""
         Pattern(key=self.key)
-        known_name("kind=", self.kind, FIELDS_OF)
+        known_name("kind=", self.kind, NETWORK_FAULTS)
         known_name("way=", self.way, get_args(Direction))
         whole_number("nth", self.nth, 0)
         whole_number("count", self.count, 1)

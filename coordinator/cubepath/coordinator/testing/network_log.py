@@ -1,5 +1,6 @@
 """The log of a network under test: all messages by key, in bounded memory."""
 
+import math
 import threading
 import time
 from collections import Counter, deque
@@ -45,8 +46,7 @@ class MessageLog:
     delivered to that process. So copies that the sender's link made count, and what it lost does
     not; with ``lost`` it is what was lost there. The report shows all of it.
 
-    All are counted. When there are more than 5000, or 32 MiB, the log forgets the oldest on the
-    keys that have most, so that a flood on one key leaves the messages on other keys alone.
+    All are counted. Of more than 5000, or 32 MiB, it forgets the oldest on the keys that have most.
     """
 
     def __init__(self, processes: Collection[str]) -> None:
@@ -114,44 +114,30 @@ class MessageLog:
 
         CheckError if it takes a look (``where``) at messages that are kept no more.
         """
-        meant = self.pattern(what, **pattern)
-        with self.changed:
-            if meant.where is None:
-                return self._counted(meant, lost=lost)
-            self._check_kept(meant, lost=lost)
-            return len(self.messages(meant, lost=lost))
+        return self._count(self.pattern(what, **pattern), lost=lost)
 
     def has(self, times: int, meant: Pattern) -> bool:
         """Return whether there were this many; CheckError as `count`, if those kept are fewer."""
-        with self.changed:
-            if meant.where is None:
-                return self._counted(meant) >= times
-            if len(self.messages(meant)) >= times:
-                return True
-            self._check_kept(meant)
-            return False
+        return self._count(meant, enough=times) >= times
 
-    def _counted(self, meant: Pattern, *, lost: bool = False) -> int:
-        """Return the number of all such messages, whatever is in them."""
-        if self._uncounted:
-            raise CheckError(
-                f"{meant}: {self._uncounted} messages are not counted, expected at most {KEYS_MAX}"
-                " keys, those of each sender and receiver"
-            )
-        met = (n for alike, n in self._counts.items() if alike.lost == lost and meant.holds(alike))
-        return sum(met)
-
-    def _check_kept(self, meant: Pattern, *, lost: bool = False) -> None:
-        """Raise CheckError if the log has forgotten a message that it has to look at."""
+    def _count(self, meant: Pattern, *, lost: bool = False, enough: float = math.inf) -> int:
         anyhow = replace(meant, where=None)
-        total = self._counted(anyhow, lost=lost)
-        gone = total - len(self.messages(anyhow, lost=lost))
-        if gone:
+        with self.changed:
+            counts = [
+                n for one, n in self._counts.items() if one.lost == lost and anyhow.holds(one)
+            ]
+            kept = self.messages(anyhow, lost=lost) if meant.where else []
+        found, gone = sum(counts), self._uncounted
+        total = found + gone
+        if meant.where:
+            gone, found = total - len(kept), sum(map(bool, map(meant.where, kept)))
+        if gone and found < enough:
             raise CheckError(
-                f"{meant}: the log has forgotten {gone} of {total} messages to look at (it keeps"
-                f" {KEPT_MAX}, or {KEPT_BYTES_MAX >> 20} MiB): expected a key with fewer, or an"
-                " earlier look"
+                f"{meant}: the log has forgotten {gone} of {total} such messages, expected fewer or"
+                f" an earlier look: it keeps {KEPT_MAX}, or {KEPT_BYTES_MAX >> 20} MiB, and counts"
+                f" {KEYS_MAX} keys"
             )
+        return found
 
     def messages(self, what: What = "", *, lost: bool = False, **pattern: Any) -> list[WireMessage]:
         """Return such messages in order, or those `lost`, of those that are kept."""
@@ -168,9 +154,9 @@ class MessageLog:
         with self.changed:
             there = [*self._counts]  # in the order of the first of each
             if one.where or two.where:
-                self._check_kept(one)
-                self._check_kept(two)
                 there = self._kept
+                for each in (one, two):  # of which none is forgotten
+                    self._count(replace(each, where=bool))
             there = [seen for seen in there if not seen.lost]
             order = [one.holds(seen) for seen in there if one.holds(seen) or two.holds(seen)]
         if all(order) or not order[0]:
@@ -225,7 +211,7 @@ def _size(seen: WireMessage) -> int:
 def _shown(kept: Sequence[WireMessage]) -> list[tuple[WireMessage, int]]:
     """Return which messages the report shows, and how often each came in a row.
 
-    They are those that were lost, and the last on each key and way, as many as there is room for.
+    They are those that were lost, and as many of the last on each key and way.
     """
     ways: dict[object, list[tuple[int, int]]] = {}
     for place, seen in enumerate(kept):
@@ -233,13 +219,11 @@ def _shown(kept: Sequence[WireMessage]) -> list[tuple[WireMessage, int]]:
         if way and replace(kept[way[-1][0]], at_s=seen.at_s) == seen:
             times = way.pop()[1]
         way.append((place, times + 1))
-    lost = [each for way in ways.values() for each in way if kept[each[0]].lost]
-    there = [way for way in ways.values() if not kept[way[0][0]].lost]
-    most = _ROWS
-    while most > 1 and sum(min(len(way), most) for way in there) > _ROWS:
-        most -= 1
-    last = sorted(each for way in there for each in way[-most:])[-_ROWS:]
-    return [(kept[place], times) for place, times in sorted([*sorted(lost)[-_ROWS:], *last])]
+    share = max(1, _ROWS // max(1, len(ways)))
+    places = [
+        each for way in ways.values() for each in way[-(_ROWS if kept[way[0][0]].lost else share) :]
+    ]
+    return [(kept[place], times) for place, times in sorted(places)[-2 * _ROWS :]]
 
 
 def _text_of(data: bytes) -> str:

@@ -28,7 +28,7 @@ from cubepath.coordinator.simulation.free_simulated import FreeSimulatedRun, fre
 from cubepath.coordinator.simulation.scenarios import FreeScenario, Scenario, built
 from cubepath.coordinator.simulation.simulated import MakeNode, SimulatedRun, host_node, simulate
 from cubepath.coordinator.testing.log import RunLog
-from cubepath.coordinator.testing.network import FIELDS_OF, NetworkFault, NetworkFaultKind
+from cubepath.coordinator.testing.network import NETWORK_FAULTS, NetworkFault, NetworkFaultKind
 from cubepath.coordinator.testing.rules import SECONDS_MAX, Direction
 from cubepath.coordinator.testing.wire_messages import RESULTS, short, table
 from cubepath.protocol.core.errors import InputError
@@ -193,12 +193,9 @@ def trial_of(
         raise InputError(f"system={system!r}: expected a name or a file")
     if not isinstance(faults, Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"faults={faults!r}: expected a list of faults")
-    for name, number, least in (
-        ("max_rounds", max_rounds, 0),
-        ("keepers", keepers, 1),
-        ("moves", moves, 0),
-    ):
-        whole_number(name, number, least)
+    whole_number("max_rounds", max_rounds, 0)
+    whole_number("keepers", keepers, 1)
+    whole_number("moves", moves, 0)
     plan = Plan(system, rule, seed=seed, hesitate=hesitate, processes=processes, clock=clock)
     task = task_of(plan)
     most = min(max(processes, 1), len(task.scene.start))
@@ -361,12 +358,18 @@ def scenarios(
 
 
 _NTH_OWN_MAX = 20
+_UNUSED = {
+    "count": ("pause", "restart"),
+    "way": ("cut",),
+    "seconds": ("drop", "reorder", "cut", "restart"),
+}
+"""The kinds for which a field of `NetworkFault` means nothing."""
 
 
 def network_faults(
     processes: Sequence[str],
     *,
-    kinds: Sequence[NetworkFaultKind] = tuple(FIELDS_OF),
+    kinds: Sequence[NetworkFaultKind] = NETWORK_FAULTS,
     keys: Sequence[str] | None = None,
     most: int = 3,
 ) -> SearchStrategy[list[NetworkFault]]:
@@ -392,9 +395,7 @@ def network_faults(
     }
 
     def of_kind(kind: NetworkFaultKind) -> SearchStrategy[NetworkFault]:
-        fields = {
-            name: each for name, each in drawn.items() if name in ("nth", "key", *FIELDS_OF[kind])
-        }
-        return st.builds(NetworkFault, st.just(kind), st.sampled_from(list(processes)), **fields)
+        used = {name: each for name, each in drawn.items() if kind not in _UNUSED.get(name, ())}
+        return st.builds(NetworkFault, st.just(kind), st.sampled_from(list(processes)), **used)
 
     return st.lists(st.sampled_from(list(kinds)).flatmap(of_kind), max_size=most)

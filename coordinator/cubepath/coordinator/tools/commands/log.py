@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import Recording
 
 _MB = 1_000_000
-_ROUNDS_MAX = 10**9
-"""Log times on any keys are nanoseconds since 1970; what is less than a second was no log time."""
 _LOG_TIME = re.compile(r"(\d{1,20}(?:\.\d+)?|\.\d+)(s)|\d{1,20}", re.ASCII)
 
 
@@ -110,7 +108,8 @@ def _log_time(text: str) -> int | float:
 
 def _within(recording: Recording, asked: float | None) -> int | None:
     """Return a log time of a recording; seconds are counted from its first message."""
-    if recording.of_keys and isinstance(asked, int) and asked < _ROUNDS_MAX:
+    # Log times on any keys are nanoseconds since 1970.
+    if recording.of_keys and isinstance(asked, int) and asked < 10**9:
         raise InputError(
             f"{asked}: messages on any keys have no rounds, expected a time such as {asked}s"
         )
@@ -389,8 +388,7 @@ def _record(options: argparse.Namespace) -> int:
     if interrupted and keys is None:
         console.complain("interrupted")
         return console.INTERRUPTED
-    if interrupted:  # as a recorder of any keys usually ends
-        options.interrupts.came = False
+    options.interrupts.came = False  # as a recorder of any keys ends
     return console.FAILED if recorder.ended == "router gone" else console.DONE
 
 
