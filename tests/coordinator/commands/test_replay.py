@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.commands.keyboard import keys_help, keys_in, order_of, status_line
+from cubepath.coordinator.commands.keyboard import keys_in, order_of, status_line
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.machine import PlayerStatus
 from processes.command_line import GOLDEN, PYTHON
@@ -33,7 +33,6 @@ def test_keys_have_names_however_they_are_sent() -> None:
     # Messages on any keys have no rounds.
     assert order_of("right", "0s", "") == ("step", {})
     status = PlayerStatus("r", "paused", 3, 8, 0, 0.25, 1.0, "2x", 0)
-    assert keys_help("") == keys_help("level").replace("right/left a level on/back, ", "")
     line = "paused, next: message 4 of 8, 0.25 of 1.00 s, 2x as fast as it was"
     assert status_line(status, "") == line
     for key in " .,+-q":

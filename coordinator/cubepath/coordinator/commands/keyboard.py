@@ -26,6 +26,10 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.playback.machine import PlayerStatus
 from cubepath.coordinator.playback.player import Player
 
+HELP = (
+    "space pause, right/left a {} on/back, . and , a message on/back, up/down 10% faster/slower,"
+    " + and - twice/half as fast, 0 to the start, q end, ? help"
+)
 _KEY = re.compile(rb"\x1b[\[O][0-9;]*[A-Za-z~]|\x1b|.", re.DOTALL)
 _NAMES = {
     b"\x1b[A": "up",
@@ -165,18 +169,9 @@ class Keys:
         return keys_in(data)
 
 
-def keys_help(step: str) -> str:
-    """Return what each key does, in a line."""
-    steps = f"right/left a {step} on/back, " if step else ""
-    return (
-        f"space pause, {steps}. and , a message on/back, up/down 10% faster/slower, + and -"
-        " twice/half as fast, 0 to the start, q end, ? help"
-    )
-
-
 def play_by_keys(player: Player, start: str, step: str) -> None:
     """Let the keys control a player until it is over; nothing is left on the terminal."""
-    complain(keys_help(step))
+    complain(HELP.format(step or "message"))
     with Keys() as keys:
         try:
             while not player.over:
@@ -196,7 +191,7 @@ def _press(player: Player, key: str, start: str, step: str) -> None:
     if order is None:
         if key == "?":
             _show("")
-            complain(keys_help(step))
+            complain(HELP.format(step or "message"))
         return
     try:
         player.order(order[0], **order[1])

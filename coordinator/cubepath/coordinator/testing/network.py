@@ -238,7 +238,7 @@ class NetworkUnderTest(ProcessFaults):
     def _pattern(self, what: What = "", **options: Any) -> Pattern:
         return self.log.pattern(what, **options)
 
-    def _do(self, at: When, act: Callable[[], None], what: str) -> PlannedFault:
+    def _do(self, at: When, act: Callable[[], object], what: str) -> PlannedFault:
         if isinstance(at, int):
             raise InputError(f"at={at}: expected a key, as 'robot/**', or a Pattern")
         return super()._do(at, act, what)

@@ -179,24 +179,19 @@ class MessageLog:
             shown = _shown(self._kept)
             found = [(at_s, ("", "", "", done, "")) for at_s, done in self._done]
         keys = sorted(passed, key=lambda key: (not lost[key], -passed[key]))[:_KEYS_SHOWN]
-        lacks = [f" ({lost[key]} lost)" if lost[key] else "" for key in keys]
-        width = max(map(len, lacks), default=0)
-        counts = [
-            f"  {passed[key]:6}{lack:{width}} {key}" for key, lack in zip(keys, lacks, strict=True)
-        ]
+        often = [(f"  {passed[k]:6}", f"({lost[k]} lost)" if lost[k] else "", k) for k in keys]
         for seen, times in shown:
             mark = "lost" if seen.lost else "copy" if seen.copied else ""
             data = "deleted" if seen.deletes else _text_of(seen.data)
-            often = "" if times == 1 else f" ({times} times)"
-            found.append((seen.at_s, (mark, seen.sender, seen.to, seen.key, data + often)))
-        rows = [("", "s", "from", "to", "key", "data")]
+            data += "" if times == 1 else f" ({times} times)"
+            found.append((seen.at_s, (mark, seen.sender, seen.to, seen.key, data)))
+        rows = [("  ", "s", "from", "to", "key", "data")]
         for at_s, (mark, one, other, key, data) in sorted(found, key=itemgetter(0)):
-            rows.append((mark, f"{at_s - self._began_s:.3f}", one, other, key, data))
-        return "\n".join(
-            [f"messages by key, {counted(len(passed), 'key')}:", *counts]
-            + ["the last messages on each key:"]
-            + ["  " + line.rstrip() for line in aligned(rows)]
-        )
+            rows.append((f"  {mark}", f"{at_s - self._began_s:.3f}", one, other, key, data))
+        lines = [f"messages by key, {counted(len(passed), 'key')}:"]
+        lines += aligned(often) if often else []
+        lines += ["the last messages on each key:", *aligned(rows)]
+        return "\n".join(line.rstrip() for line in lines)
 
 
 def _way(seen: WireMessage) -> tuple[object, ...]:
@@ -220,9 +215,9 @@ def _shown(kept: Sequence[WireMessage]) -> list[tuple[WireMessage, int]]:
             times = way.pop()[1]
         way.append((place, times + 1))
     share = max(1, _ROWS // max(1, len(ways)))
-    places = [
-        each for way in ways.values() for each in way[-(_ROWS if kept[way[0][0]].lost else share) :]
-    ]
+    places = list[tuple[int, int]]()
+    for way in ways.values():
+        places += way[-(_ROWS if kept[way[0][0]].lost else share) :]
     return [(kept[place], times) for place, times in sorted(places)[-2 * _ROWS :]]
 
 
