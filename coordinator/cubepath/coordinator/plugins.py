@@ -10,7 +10,7 @@ from typing import Any
 COMMANDS = {
     "run": ("commands.run", "run modules in processes, record them, shorten their path"),
     "join": ("commands.host", "join a run elsewhere, with some of its modules"),
-    "replay": ("commands.replay", "put a recording back on zenoh; gather and shorten it again"),
+    "replay": ("commands.replay", "put a recording back on zenoh, and shorten a run again"),
     "shorten": (
         "commands.shorten",
         "shorten a path to its normal cube path, or write it in another form",

@@ -126,7 +126,7 @@ def test_a_cut_comes_at_a_message(ends: Ends) -> None:
     ends.say("2", "3")
     ends.network.until("robot/arm", times=3)
     assert getattr(cut.at, "data", b"") == b"2"
-    ends.network.until(lambda network: str(network.log).count("lost") == 2)
+    ends.network.until(lambda network: str(network.log).count("  lost ") == 2)
     ends.network.heal("b")
     ends.say("4")
     ends.until_heard("4")
@@ -139,6 +139,20 @@ def test_faults_are_counted_in_messages(ends: Ends) -> None:
     ends.network.inject([cut, NetworkFault("double", "b", nth=2, way="down", seconds=0)])
     ends.say("0", "1", "2", "3", "4", "5")
     ends.until_heard("0", "3", "4", "4", "5")
+
+
+def test_faults_may_count_one_key(ends: Ends) -> None:
+    """Messages on other keys pass, and are not counted; a receiver can be struck as well."""
+    network = ends.network
+    network.endpoint("leg")
+    network.inject([NetworkFault("drop", "a", nth=1, count=1, key="robot/*/set")])
+    network.inject([NetworkFault("restart", "leg", nth=1, way="down", key="robot/*/set")])
+    leg = network.start("leg", listener("robot/*/set"), listens="robot/arm/set")
+    pid = leg.pid
+    for key in ("robot/arm/set", "robot/arm", "robot/arm/set", "robot/arm", "robot/arm/set"):
+        ends.say(key, key=key)
+    ends.until_heard("robot/arm/set", "robot/arm", "robot/arm", "robot/arm/set")
+    network.until(lambda _: leg.pid != pid)
 
 
 def test_the_log_has_the_times_of_delivery(ends: Ends) -> None:
@@ -159,7 +173,7 @@ def test_the_log_has_the_times_of_delivery(ends: Ends) -> None:
     assert found[2].at_s - found[1].at_s > 0.15
     assert [each.data for each in log.messages("robot/arm", lost=True)] == [b"lost"]
     assert (log.count("robot/arm"), log.count("robot/arm", lost=True)) == (3, 1)
-    rows = str(log).partition("the last messages:")[2].splitlines()[2:]
+    rows = str(log).partition("the last messages on each key:")[2].splitlines()[2:]
     assert [row.split()[0] for row in rows if row.split()[0].isalpha()] == ["lost", "copy"]
     times = [float(re.search(r"\d+\.\d{3}", row)[0]) for row in rows]  # type: ignore[index]
     assert times == sorted(times)
@@ -176,10 +190,12 @@ def test_the_report_shows_faults(ends: Ends) -> None:
     network.kill("arm", at="robot/arm/pose")
     network.until(lambda _: network.commands["arm"].returncode is not None)
     network.restart("arm")
+    again = network.restart("arm", at="robot/arm/pose")
+    network.until(lambda _: again.done)
     network.pause("arm")
     network.resume("arm")
     network.cut_off("a", seconds=0.01)
-    network.inject([NetworkFault("cut", "arm", nth=9999)])
+    network.inject([NetworkFault("cut", "arm", nth=9999, key="robot/arm")])
     network.until(lambda _: "a healed" in network.seen())
     (report,) = network.report_lines()
     order = ["arm started", "arm killed", "arm started", "arm paused", "arm resumed", "a cut off"]
@@ -187,7 +203,8 @@ def test_the_report_shows_faults(ends: Ends) -> None:
     for each in order[1:]:
         places.append(report.index(each, places[-1] + 1))
     assert "\n  drop to=b, key=robot/arm: met 1\n  kill arm at key=robot/arm/pose: done\n" in report
-    assert "process='arm', nth=9999, count=1, way='up', seconds=0.1): met 0\n" in report
+    assert "\n  restart arm at key=robot/arm/pose: done\n" in report
+    assert "\n  NetworkFault('cut', 'arm', nth=9999, key='robot/arm'): met 0\n" in report
 
 
 def test_what_was_never_met_is_warned_of() -> None:
@@ -319,14 +336,28 @@ def test_processes_are_killed_paused_and_started_again(cubepath_network: Network
         network.until("robot/leg")
 
 
-def test_a_peer_is_warned_of(cubepath_network: NetworkUnderTest) -> None:
-    """It may reach other peers past its link."""
-    cubepath_network.start("arm", arm(1000, mode="peer"))
-    cubepath_network.until("robot/arm/pose")
-    assert (
-        "arm: is a peer, which may go past its link, expected mode client"
-        in cubepath_network.seen()
-    )
+def test_a_peer_is_warned_of() -> None:
+    """It may reach other peers past its link; the report says so, and a warning at the end."""
+    line = "arm: is a peer, which may go past its link, expected mode client"
+    with NetworkUnderTest() as network:
+        network.start("arm", arm(1, mode="peer")).wait()
+        network.until("robot/arm/pose")
+        assert line in network.seen()
+        with pytest.warns(UserWarning, match=f"^{line}$"):
+            network.close(check=True)
+
+
+def test_a_wait_in_vain_says_what_is_near(ends: Ends) -> None:
+    """Of a key on which nothing ever came; not of one that came too rarely."""
+    ends.say("1")
+    ends.until_heard("1")
+    for key, times, hint in (
+        ("robot/amr", 2, r" \(did you mean 'robot/arm'\?\)"),
+        ("robot/arm", 3, ""),
+    ):
+        line = rf"^not within 0.1 s: {times} messages with key={key}{hint}$"
+        with pytest.raises(AssertionError, match=line):
+            ends.network.until(key, times=times, timeout_s=0.1)
 
 
 def test_a_flood_takes_bounded_memory() -> None:
@@ -344,23 +375,70 @@ def test_a_flood_takes_bounded_memory() -> None:
             put(ends.a, f"robot/{number % 10}", bytes(100_000))
         network.until("robot/**", times=6000)
         assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 250_000
-        with pytest.raises(CheckError, match=r"kept are \d+ of 6000 messages and 10 keys, 0 are"):
+        with pytest.raises(CheckError, match=r"the log has forgotten \d+ of 6000 such"):
             network.log.count("robot/**", where=lambda seen: bool(seen.data))
         network.until(lambda _: network.link_of("b").down.overflowed)
 
 
 def test_a_log_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     """It never says a wrong number."""
-    monkeypatch.setattr(network_log, "KEPT_MAX", 3)
+    monkeypatch.setattr(network_log, "KEPT_MAX", 4)
     monkeypatch.setattr(network_log, "KEYS_MAX", 3)
     log = MessageLog({"a"})
     for number in range(8):
         log.add(WireMessage(f"k/{number % 2}", b"\xff", link="a", lost=number == 7))
-    assert (log.count("k/*"), log.count("k/0", sender="a"), len(log.messages())) == (7, 4, 2)
+    assert (log.count("k/*"), log.count("k/0", sender="a")) == (7, 4)
+    assert 0 < len(log.messages()) <= 4
     assert (log.count("k/*", lost=True), log.count("k/0", lost=True)) == (1, 0)
+    log.assert_order("k/0", "k/1")
+    with pytest.raises(
+        CheckError, match=r"forgotten 3 of 3 such messages, expected fewer .* it keeps 4,"
+    ):
+        log.assert_order("k/1", Pattern(key="k/0", where=lambda _: True))
     log.add(WireMessage("k/2", b"", link="a"))
-    with pytest.raises(CheckError, match=r"1 are not counted$"):
+    with pytest.raises(
+        CheckError, match=r"^key=k/0: the log has forgotten 1 of 5 .* counts 3 keys$"
+    ):
         log.count("k/0")
+
+
+def passed(*messages: tuple[str, bytes], **more: Any) -> MessageLog:
+    """Return a log of these messages of ``a``."""
+    log = MessageLog({"a"})
+    for key, data in messages:
+        log.add(WireMessage(key, data, link="a", **more))
+    return log
+
+
+def test_a_flood_drives_out_no_other_key() -> None:
+    """Of messages, or of bytes; a condition on a flood that is forgotten is refused in one line."""
+    rare = [("house/set", b"on"), ("house/set", b"off")]
+    flood = [(f"house/temp/{number % 7}", b"%d" % number) for number in range(7000)]
+    for messages in (rare + flood, rare + [("house/image", bytes(1 << 16))] * 700):
+        log = passed(*messages)
+        assert log.count("house/set", where=lambda seen: seen.data == b"on") == 1
+        assert [seen.data for seen in log.messages()[:2]] == [b"on", b"off"]
+        assert log.messages()[-1].data == messages[-1][1]
+    with pytest.raises(
+        CheckError, match=r"^key=house/image, where=<lambda>: the log has forgotten \d+ of 700 "
+    ) as e:
+        log.count("house/image", where=lambda seen: bool(seen.data))
+    assert "\n" not in str(e.value)
+    assert log.has(3, log.pattern("house/image", where=lambda seen: bool(seen.data)))
+
+
+def test_the_report_keeps_what_is_rare_and_what_was_lost() -> None:
+    """Lost messages are counted and shown; a flood is cut, and what is repeated is one row."""
+    log = passed(*[("house/set", b"%d" % number) for number in range(3)], lost=True)
+    for number in range(3000):
+        log.add(WireMessage(f"house/temp/{number % 3}", b"%d" % number, link="a"))
+    for data in (b"once", *[b"again"] * 30):
+        log.add(WireMessage("house/ack", data, link="a", down=True))
+    text = str(log)
+    assert "\n       0 (3 lost) house/set\n" in text
+    assert re.findall(r"  lost .* house/set +(\d)\n", text) == ["0", "1", "2"]
+    assert re.findall(r" house/ack +(.*)", text) == ["once", "again (30 times)"]
+    assert len(text.splitlines()) < 60
 
 
 def test_the_log_is_a_note_of_what_ends_a_block() -> None:

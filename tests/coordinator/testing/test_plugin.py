@@ -199,6 +199,34 @@ def test_a_test_that_fails_keeps_its_recordings_and_names_them(tmp_path: Path) -
     assert "recording" not in found
 
 
+LOSES = """
+from cubepath.protocol import open_client
+def test_wait(cubepath_network, request):
+    with open_client(cubepath_network.endpoint("arm")) as session:
+        lost = cubepath_network.drop("robot/arm")
+        session.put("robot/arm", "gone")
+        lost.wait()
+        {fails}
+"""
+
+
+@pytest.mark.parametrize(
+    "fails",
+    [
+        "assert not lost.count",
+        "cubepath_network.start('arm', '')",
+        "request.getfixturevalue('none')",
+    ],
+)
+def test_the_log_is_in_the_report_and_in_its_xml(fails: str, tmp_path: Path) -> None:
+    """Once, whether the failure is shown with frames, in one line, or as no fixture."""
+    found = outcome_of(tmp_path, LOSES.format(fails=fails), "--junitxml=found.xml").stdout
+    for text in (found, (tmp_path / "found.xml").read_text()):
+        assert text.count("messages by key, 1 key:") == 1, text
+        assert text.count(" 0 (1 lost) robot/arm") == 1
+        assert " cubepath ----" in text
+
+
 WRONG = """
 import pytest
 @pytest.fixture

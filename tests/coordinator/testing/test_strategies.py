@@ -6,7 +6,15 @@ import pytest
 from hypothesis import find, given, settings, strategies as st
 
 from cubepath.coordinator.simulation.faults import ENDING, FREE_KINDS, KINDS
-from cubepath.coordinator.testing.strategies import Trial, fault, faults, scenarios, trial_of
+from cubepath.coordinator.testing.network import NetworkFault
+from cubepath.coordinator.testing.strategies import (
+    Trial,
+    fault,
+    faults,
+    network_faults,
+    scenarios,
+    trial_of,
+)
 from cubepath.protocol.core.errors import InputError
 from exploration.planted import ForgetsCounts, IsDeaf, Raises
 
@@ -149,3 +157,26 @@ def test_what_cannot_be_tried_is_one_line(make: Any, line: str) -> None:
     """As everywhere."""
     with pytest.raises(InputError, match=f"^{line}"):
         make()
+
+
+@given(network_faults(["arm", "leg"], keys=["robot/*/set"]))
+def test_faults_of_own_processes_are_short_to_read(drawn: list[NetworkFault]) -> None:
+    """What means nothing for a kind is as by default, and what is as by default is not written."""
+    for each in drawn:
+        assert eval(repr(each)) == each  # noqa: S307 - it is to be written down
+        assert each.key == "robot/*/set"
+        assert each.count == 1 or each.kind not in ("pause", "restart")
+        assert each.way == "up" or each.kind != "cut"
+        assert each.seconds == 0.1 or each.kind in ("pause", "delay", "double")
+
+
+def test_a_fault_of_an_own_process_shrinks_to_one_line() -> None:
+    """And keys that are none are refused."""
+    found = find(network_faults(["arm"], kinds=["restart"], keys=["a", "b"]), lambda each: each)
+    assert repr(found) == "[NetworkFault('restart', 'arm', key='a')]"
+    with pytest.raises(
+        InputError, match=r"^keys='a': expected key expressions, as \['robot/arm'\]$"
+    ):
+        network_faults(["arm"], keys="a")
+    with pytest.raises(InputError, match=r"^key='a//': expected a key expression of zenoh"):
+        NetworkFault("cut", "arm", key="a//")

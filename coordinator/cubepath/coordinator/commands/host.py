@@ -33,7 +33,7 @@ def add_host_router(router: argparse.ArgumentParser) -> None:
 
 
 def _router(options: argparse.Namespace) -> int:
-    """Route until an interrupt, which is an exception here."""
+    """Route until an interrupt."""
     from cubepath.protocol.wire.router import Router, without_tls  # noqa: PLC0415
     from cubepath.protocol.wire.sessions import check_links, endpoints_in  # noqa: PLC0415
 
@@ -43,10 +43,13 @@ def _router(options: argparse.Namespace) -> int:
         if options.secure is None:
             complain(without_tls(router.listening))
         answer(options, {"endpoint": router.listening}, f"listening on {router.listening}")
-        while True:
-            time.sleep(_LOOK_S)
-            if router.look_after():
-                complain(f"the router died, and was started again at {router.listening}")
+        with contextlib.suppress(KeyboardInterrupt):
+            while True:
+                time.sleep(_LOOK_S)
+                if router.look_after():
+                    complain(f"the router died, and was started again at {router.listening}")
+    options.interrupts.came = False  # as it always ends
+    return DONE
 
 
 def add_host_certificates(certificates: argparse.ArgumentParser) -> None:

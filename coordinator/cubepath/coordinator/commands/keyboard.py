@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # a command starts faster without them
 from cubepath.coordinator.playback.player import Player
 
 HELP = (
-    "space pause, right/left a round on/back, . and , a message on/back, up/down 10% faster/slower,"
+    "space pause, right/left a {} on/back, . and , a message on/back, up/down 10% faster/slower,"
     " + and - twice/half as fast, 0 to the start, q end, ? help"
 )
 _KEY = re.compile(rb"\x1b[\[O][0-9;]*[A-Za-z~]|\x1b|.", re.DOTALL)
@@ -170,7 +170,7 @@ class Keys:
 
 def play_by_keys(player: Player, start: str, step: str) -> None:
     """Let the keys control a player until it is over; nothing is left on the terminal."""
-    complain(HELP)
+    complain(HELP.format(step or "message"))
     with Keys() as keys:
         try:
             while not player.over:
@@ -190,7 +190,7 @@ def _press(player: Player, key: str, start: str, step: str) -> None:
     if order is None:
         if key == "?":
             _show("")
-            complain(HELP)
+            complain(HELP.format(step or "message"))
         return
     try:
         player.order(order[0], **order[1])

@@ -349,6 +349,8 @@ class LinkProxy:
                 f"endpoint {endpoint}: a link has no certificate, expected tcp/HOST:PORT"
             )
         self.name = name
+        self.warning = ""
+        """What the process did by which rules and cuts may miss its messages, or empty."""
         self._tokens: dict[tuple[Direction, str], zenoh.LivelinessToken | None] = {}
         """What is shown by each direction; None while it is being declared."""
         self._lock = threading.Lock()
@@ -376,6 +378,7 @@ class LinkProxy:
         far, self.endpoint = open_router(where, guard, MESSAGE_BYTES_MAX)
         self._resources.callback(far.close)
         self._far = far
+        far.info.declare_transport_events_listener(_callback(self._connected))
         self.up = ProxyDirection("up", self.name, near, self._tap)
         self._resources.callback(self.up.close)
         self.down = ProxyDirection("down", self.name, far, self._tap)
@@ -447,11 +450,9 @@ class LinkProxy:
             return "has not connected"
         return f"is connected, and subscribes to {'other keys' if self.listens(ALL) else 'nothing'}"
 
-    @property
-    def warning(self) -> str:
-        """What a process does by which rules and cuts may miss its messages, or empty."""
-        is_peer = bool(self._far.info.peers_zid())
-        return "is a peer, which may go past its link, expected mode client" if is_peer else ""
+    def _connected(self, event: zenoh.TransportEvent) -> None:
+        if event.transport.whatami == zenoh.WhatAmI.PEER:
+            self.warning = "is a peer, which may go past its link, expected mode client"
 
     def add(self, rule: Rule, directions: Iterable[Direction] = ("up", "down")) -> Rule:
         """Have a rule decide on the messages of these directions from now on; return it."""
@@ -482,33 +483,28 @@ class LinkProxy:
         Messages sent meanwhile are lost or, if kept, arrive when the link is healed. Signs of
         life, and questions, are kept in both cases: neither side is notified that the link is cut.
         """
-        self.up.cut = self.down.cut = "kept" if keep else "lost"
-        for lane in (self.up, self.down):
-            lane.wake()
+        self._cut("kept" if keep else "lost")
 
     def heal(self) -> None:
         """Let everything through again."""
-        self.up.cut = self.down.cut = ""
+        self._cut("")
+
+    def _cut(self, how: Cut) -> None:
         for lane in (self.up, self.down):
+            lane.cut = how
             lane.wake()
 
     def check(self) -> None:
         """Raise CheckError if a rule raised, or messages were lost because too many waited."""
         for lane in (self.up, self.down):
+            link, way = f"the link of {self.name}", f"on the way {lane.direction}"
             if lane.error is not None:
-                raise CheckError(
-                    f"a rule of the link of {self.name} raised {lane.error!r}"
-                ) from lane.error
+                raise CheckError(f"a rule of {link} raised {lane.error!r}") from lane.error
             if lane.broken is not None:
-                raise CheckError(
-                    f"the link of {self.name} raised {lane.broken!r} on the way {lane.direction}"
-                ) from lane.broken
+                raise CheckError(f"{link} raised {lane.broken!r} {way}") from lane.broken
             if lane.overflowed:
-                raise CheckError(
-                    f"the link of {self.name} lost {lane.overflowed} messages on the way"
-                    f" {lane.direction}: more than {WAITING_MAX}, or {WAITING_BYTES_MAX >> 20} MiB,"
-                    " waited"
-                )
+                limits = f"more than {WAITING_MAX}, or {WAITING_BYTES_MAX >> 20} MiB, waited"
+                raise CheckError(f"{link} lost {lane.overflowed} messages {way}: {limits}")
 
     def close(self) -> None:
         """Take the link away."""

@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -17,9 +17,10 @@ from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.coordinator.testing.log import What
 from cubepath.coordinator.testing.network_log import KEYS, MessageLog, known_process
 from cubepath.coordinator.testing.process_faults import PlannedFault, ProcessFaults, Target, When
-from cubepath.coordinator.testing.rules import Action, Direction, Pattern, Rule
+from cubepath.coordinator.testing.rules import Direction, Pattern, Rule
 from cubepath.coordinator.testing.wire_messages import WireMessage
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.formatting import counted
 from cubepath.protocol.core.options import known_name, seconds, whole_number
 from cubepath.protocol.wire.credentials import GUEST, ROUTER
 from cubepath.protocol.wire.router import Router
@@ -35,15 +36,15 @@ NetworkFaultKind: TypeAlias = Literal[
 NETWORK_FAULTS: tuple[NetworkFaultKind, ...] = get_args(NetworkFaultKind)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class NetworkFault:
     """One fault of a process or its link, for `NetworkUnderTest.inject`.
 
-    `nth` messages that the process puts (``way="up"``), or that come to it (``"down"``), pass. The
-    next `count` are lost (``drop``), repeated (``double``) or late (``delay``) after `seconds`, or
-    overtaken by the next (``reorder``); a ``cut`` loses those of both ways. After `nth` messages
-    that it puts, a process stands still for `seconds` (``pause``), or is killed and started again
-    (``restart``).
+    It counts messages that the process puts (``way="up"``) or receives (``"down"``), with `key`
+    only those on a key expression. The first `nth` pass. The next `count` are lost (``drop``),
+    repeated (``double``) or late (``delay``) by `seconds`, or overtaken by the next (``reorder``);
+    a ``cut`` loses as many of both ways together. At the next one the process is stopped for
+    `seconds` (``pause``), or is killed and started again (``restart``).
     """
 
     kind: NetworkFaultKind
@@ -52,9 +53,17 @@ class NetworkFault:
     count: int = 1
     way: Direction = "up"
     seconds: float = 0.1
+    key: str | None = None
+
+    def __repr__(self) -> str:
+        """Return how to write it, without what is as by default."""
+        given = [(each.name, getattr(self, each.name), each.default) for each in fields(self)[2:]]
+        further = "".join(f", {name}={value!r}" for name, value, usual in given if value != usual)
+        return f"NetworkFault({self.kind!r}, {self.process!r}{further})"
 
     def __post_init__(self) -> None:
         """Check it; InputError for what is no fault."""
+        Pattern(key=self.key)
         known_name("kind=", self.kind, NETWORK_FAULTS)
         known_name("way=", self.way, get_args(Direction))
         whole_number("nth", self.nth, 0)
@@ -102,8 +111,9 @@ class NetworkUnderTest(ProcessFaults):
     def close(self, *, check: bool = False) -> None:
         """End all processes, links and the router; with `check` as `RunUnderTest.close`.
 
-        Then each rule, and each fault at a message, that has met none is a warning. Those of
-        `inject` are not: as they are counted and often drawn, they may come too late.
+        Then each rule, and each fault at a message, that has met none is a warning, and each
+        process that was a peer. Faults of `inject` are not: as they are counted and often drawn,
+        they may come too late.
         """
         with self._launching:
             router, self._router = self._router, None  # from now on nothing is started
@@ -111,10 +121,12 @@ class NetworkUnderTest(ProcessFaults):
             if router is not None:
                 stack.callback(router.close)
             stack.callback(super().close, check=check)
-        for what, fault in self._faults if check else ():
+        lines = [f"{name}: {each}" for name, link in self.links.items() if (each := link.warning)]
+        for what, fault in self._faults:
             if _standing(fault) in ("to come", "met 0"):
-                warnings.warn(f"{what}: met no message", stacklevel=2)
-        self._faults.clear()
+                lines.append(f"{what}: met no message")
+        for line in lines if check and router is not None else ():
+            warnings.warn(line, stacklevel=2)
 
     def _running(self) -> Router:
         if self._router is None:
@@ -188,12 +200,15 @@ class NetworkUnderTest(ProcessFaults):
                 lambda: f"; it {link.subscribes}",
             )
 
-    def restart(self, target: Target) -> None:
+    def restart(self, target: Target, at: When = None) -> PlannedFault:
         """Start a process again with its command; one that runs is killed before.
 
         It waits as `start` does, but not at a message, where others would wait for it.
         """
         name = self.name_of(target)
+        return self._do(at, partial(self._restart, name), f"restart {name}")
+
+    def _restart(self, name: str) -> None:
         known_name("restart: ", name, sorted(self.commands))
         key, link = self._listening[name][0], self.links[name]
         waits = threading.get_ident() != self._notices_in
@@ -222,7 +237,7 @@ class NetworkUnderTest(ProcessFaults):
     def _pattern(self, what: What = "", **options: Any) -> Pattern:
         return self.log.pattern(what, **options)
 
-    def _do(self, at: When, act: Callable[[], None], what: str) -> PlannedFault:
+    def _do(self, at: When, act: Callable[[], object], what: str) -> PlannedFault:
         if isinstance(at, int):
             raise InputError(f"at={at}: expected a key, as 'robot/**', or a Pattern")
         return super()._do(at, act, what)
@@ -242,15 +257,20 @@ class NetworkUnderTest(ProcessFaults):
         """Have faults happen, each at its message, counted from now on."""
         for fault in faults:
             link = self.link_of(self.name_of(fault.process))
-            at = Pattern(sender=link.name, where=_after(fault.nth))
+            to = link.name if fault.way == "down" else None
+            sender = link.name if to is None else None
+            at = Pattern(key=fault.key, sender=sender, to=to, where=_after(fault.nth))
             if fault.kind == "pause":
                 self.pause(link.name, at, seconds=fault.seconds)
             elif fault.kind == "restart":
-                self.when(at, partial(self.restart, link.name))
+                self.restart(link.name, at)
             else:
-                action: Action = "drop" if fault.kind == "cut" else fault.kind
                 rule = Rule(
-                    action=action, after=fault.nth, times=fault.count, seconds=fault.seconds
+                    action="drop" if fault.kind == "cut" else fault.kind,
+                    pattern=Pattern(key=fault.key),
+                    after=fault.nth,
+                    times=fault.count,
+                    seconds=fault.seconds,
                 )
                 link.add(rule, ("up", "down") if fault.kind == "cut" else (fault.way,))
                 self._faults.append(("", rule))
@@ -272,12 +292,13 @@ class NetworkUnderTest(ProcessFaults):
         over, or if a process fails (an exit code that is not 0) that the test has not killed.
         """
         whole_number("times", times, 0)
+        hint: Callable[[], str] = str
         if callable(what):
             holds, name = what, "what is awaited"
         else:
             meant = self._pattern(what, **pattern)
-            holds = lambda _: self.log.count(meant) >= times  # noqa: E731 - of two ways one
-            name = f"{times} messages with {meant}"
+            holds, hint = lambda _: self.log.has(times, meant), lambda: self.log.near(meant)
+            name = f"{counted(times, 'message')} with {meant}"
         patience = seconds("timeout_s", self.timeout_s if timeout_s is None else timeout_s)
         deadline = time.monotonic() + patience
         while True:
@@ -291,7 +312,7 @@ class NetworkUnderTest(ProcessFaults):
                     how = f"failed ({command.returncode}); {command.last_lines}"
                     raise AssertionError(f"while waiting for {name}: {died} {how}")
             if late:
-                raise AssertionError(f"not within {patience:g} s: {name}")
+                raise AssertionError(f"not within {patience:g} s: {name}{hint()}")
             with self.log.changed:
                 self.log.changed.wait(_POLL_S)
 

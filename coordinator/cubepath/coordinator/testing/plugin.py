@@ -197,7 +197,12 @@ def pytest_runtest_makereport(
         if lines:
             if any(line.startswith("recording ") for line in lines):
                 lines.append("to look at one: cubepath log info FILE, or cubepath view FILE")
-            report.sections.append(("cubepath", "\n".join(lines)))
+            # A section of the report itself would not be in JUnit XML.
+            if hasattr(report.longrepr, "addsection"):
+                report.longrepr.addsection("cubepath", "\n".join(lines))
+            else:
+                head = f"{' cubepath ':-^80}"
+                report.longrepr = "\n".join([str(report.longrepr), head, *lines])
     return report
 
 

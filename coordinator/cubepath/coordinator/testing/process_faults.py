@@ -40,7 +40,7 @@ class PlannedFault:
     """Something that happens now, or when a message comes; `at` is that message, once it has."""
 
     pattern: Callable[[WireMessage], bool]
-    act: Callable[[], None]
+    act: Callable[[], object]
     at: WireMessage | None = None
     done: bool = False
 
@@ -309,14 +309,14 @@ class ProcessFaults:
 
         return self._do(at, act, f"heal {', '.join(link.name for link in links)}")
 
-    def when(self, at: When, act: Callable[[], None]) -> PlannedFault:
+    def when(self, at: When, act: Callable[[], object]) -> PlannedFault:
         """Have a function called in a round or at a level, or at a message; it may not continue."""
         return self._do(at, act, "call a function")
 
     def _note(self, done: str) -> None:
         """Note what was done to a process; a network has it in its log."""
 
-    def _do(self, at: When, act: Callable[[], None], what: str) -> PlannedFault:
+    def _do(self, at: When, act: Callable[[], object], what: str) -> PlannedFault:
         if not callable(act):
             raise InputError(f"{act!r}: expected a function")
         if at is None:
@@ -332,7 +332,7 @@ class ProcessFaults:
         return planned
 
     def _plan(
-        self, pattern: Callable[[WireMessage], bool], act: Callable[[], None]
+        self, pattern: Callable[[WireMessage], bool], act: Callable[[], object]
     ) -> PlannedFault:
         planned = PlannedFault(pattern, act)
         self._planned.append(planned)

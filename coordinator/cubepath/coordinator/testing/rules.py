@@ -88,18 +88,13 @@ class Pattern:
     def _round(self, seen: WireMessage) -> bool:
         if self.round is None:
             return True
-        number = seen.round
-        if isinstance(self.round, range):
-            return number is not None and number in self.round
-        return number == self.round
+        return seen.round in (self.round if isinstance(self.round, range) else [self.round])
 
     def _parts(self, seen: WireMessage) -> bool:
         kind, module = self.kind, self.module
-        if kind is not None and kind == seen.kind and module is None:
+        whole = kind is None or kind == seen.kind
+        if whole and module is None:
             return True
-        if kind is None and module is None:
-            return True
-        whole = kind in (None, seen.kind)
         return any((whole or kind == one) and module in (None, about) for one, about in seen.parts)
 
     def __str__(self) -> str:

@@ -193,12 +193,9 @@ def trial_of(
         raise InputError(f"system={system!r}: expected a name or a file")
     if not isinstance(faults, Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"faults={faults!r}: expected a list of faults")
-    for name, number, least in (
-        ("max_rounds", max_rounds, 0),
-        ("keepers", keepers, 1),
-        ("moves", moves, 0),
-    ):
-        whole_number(name, number, least)
+    whole_number("max_rounds", max_rounds, 0)
+    whole_number("keepers", keepers, 1)
+    whole_number("moves", moves, 0)
     plan = Plan(system, rule, seed=seed, hesitate=hesitate, processes=processes, clock=clock)
     task = task_of(plan)
     most = min(max(processes, 1), len(task.scene.start))
@@ -361,26 +358,44 @@ def scenarios(
 
 
 _NTH_OWN_MAX = 20
+_UNUSED = {
+    "count": ("pause", "restart"),
+    "way": ("cut",),
+    "seconds": ("drop", "reorder", "cut", "restart"),
+}
+"""The kinds for which a field of `NetworkFault` means nothing."""
 
 
 def network_faults(
-    processes: Sequence[str], *, kinds: Sequence[NetworkFaultKind] = NETWORK_FAULTS, most: int = 3
+    processes: Sequence[str],
+    *,
+    kinds: Sequence[NetworkFaultKind] = NETWORK_FAULTS,
+    keys: Sequence[str] | None = None,
+    most: int = 3,
 ) -> SearchStrategy[list[NetworkFault]]:
     """Return a strategy of lists of faults of your own processes, for `NetworkUnderTest.inject`.
 
-    They shrink towards none, then to the first of `kinds`, early and few messages.
+    With `keys`, key expressions, each fault counts the messages on one of them. All strike within
+    the first 20 messages that they count. They shrink towards none, then to the first of `kinds`,
+    early and few messages.
 
     >>> from hypothesis import find
     >>> find(network_faults(["arm"], kinds=["cut"]), lambda each: len(each) > 0)
-    [NetworkFault(kind='cut', process='arm', nth=0, count=1, way='up', seconds=0.01)]
+    [NetworkFault('cut', 'arm')]
     """
-    one = st.builds(
-        NetworkFault,
-        st.sampled_from(list(kinds)),
-        st.sampled_from(list(processes)),
-        st.integers(0, _NTH_OWN_MAX),
-        st.integers(1, _NTH_OWN_MAX),
-        st.sampled_from(get_args(Direction)),
-        st.sampled_from((0.01, 0.1, 0.5)),
-    )
-    return st.lists(one, max_size=most)
+    if isinstance(keys, str):
+        raise InputError(f"keys={keys!r}: expected key expressions, as ['robot/arm']")
+    drawn: dict[str, SearchStrategy[Any]] = {
+        # Of what comes rarely, the first messages are the ones that can be lost.
+        "nth": st.integers(0, 2) | st.integers(0, _NTH_OWN_MAX),
+        "count": st.integers(1, 3) | st.integers(1, _NTH_OWN_MAX),
+        "way": st.sampled_from(get_args(Direction)),
+        "seconds": st.sampled_from((0.01, 0.1, 0.5)),
+        **({} if keys is None else {"key": st.sampled_from(list(keys))}),
+    }
+
+    def of_kind(kind: NetworkFaultKind) -> SearchStrategy[NetworkFault]:
+        used = {name: each for name, each in drawn.items() if kind not in _UNUSED.get(name, ())}
+        return st.builds(NetworkFault, st.just(kind), st.sampled_from(list(processes)), **used)
+
+    return st.lists(st.sampled_from(list(kinds)).flatmap(of_kind), max_size=most)

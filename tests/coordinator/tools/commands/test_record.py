@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from cubepath.coordinator.testing import Command
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.wire.sessions import open_client
 from processes.command_line import GOLDEN
 from processes.elsewhere import Commands, Running, soon
 
@@ -42,6 +44,29 @@ def test_the_line_that_a_run_says_of_itself_is_what_record_takes(
     assert run.end()[0] == 0
     assert recorder.end()[0] == 0
     assert read_recording(tmp_path / "out.mcap").parameters["attached"] == "1"
+
+
+@pytest.mark.slow
+@pytest.mark.few(1)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_what_only_ends_by_a_signal_ends_well(
+    number: int, commands: Commands, tmp_path: Path
+) -> None:
+    """A recorder of any keys, and a router: exit code 0, and the file is whole."""
+    router = commands.start("host", "router", "--listen=tcp/127.0.0.1:0")
+    endpoint = router.says(r"listening on (\S+) without TLS")[1]
+    recorder = commands.start(
+        "log", "record", "--connect", endpoint, "--keys=a/*", "-o", "out.mcap"
+    )
+    recorder.says(r"recording a/\*")
+    with open_client(endpoint) as session:
+        session.put("a/b", "1", congestion_control=zenoh.CongestionControl.BLOCK)
+        soon((tmp_path / "out.mcap").exists)
+    for each in (recorder, router):
+        each.signal(number)
+        code, _, errors = each.end()
+        assert code == 0, errors
+    assert [each.data for each in read_recording(tmp_path / "out.mcap").records] == [b"1"]
 
 
 @pytest.mark.thorough

@@ -251,16 +251,22 @@ def test_cuts_and_merges_keep_every_message(recorded: Path, tmp_path: Path) -> N
     assert [*read_recording(tmp_path / "copy.mcap").records] == [*whence.records]
 
 
-def test_commands_cut_by_time(recorded: Path, tmp_path: Path) -> None:
+def test_commands_cut_by_time(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """By log times, which have 64 bits, or by seconds since the first message."""
     late = max(each.round for each in read_recording(recorded).records)
     out = tmp_path / "late.mcap"
     assert main(["log", "filter", str(recorded), "-o", str(out), "--from", str(late)]) == 0
     assert {each.round for each in read_recording(out).records} == {late}
     table = str(tmp_path / "all.csv")
-    export_all = ["log", "export", str(recorded), "--table", "messages", "-o", table]
+    export_all = ["log", "export", str(recorded), "-o", table]
     assert main([*export_all, "--from", "0s", "--until", "60.5s"]) == 0
     assert main([*export_all, "--from", "9999s"]) == 0
+    for command in (export_all, ["log", "filter", str(recorded), "-o", str(tmp_path / "x.mcap")]):
+        assert main([*command, "--until", "3"]) == 2
+        line = "cubepath: 3: messages on any keys have no rounds, expected a time such as 3s"
+        assert line in capsys.readouterr().err
     assert len(Path(table).read_text().splitlines()) == 1
 
 
@@ -287,9 +293,12 @@ def test_what_needs_a_run_refuses_it_in_a_line(recorded: Path, tmp_path: Path) -
     """Verifying, exporting moves and splitting by rounds say what they expected."""
     with pytest.raises(InputError, match="messages on any keys, expected the recording of a run"):
         verify(recorded)
-    with pytest.raises(InputError, match="messages on any keys, expected --table messages"):
-        export(recorded, tmp_path / "moves.csv")
-    assert export(recorded, tmp_path / "all.csv", table="messages").count == SAID - 3
+    for suffix, table in (("csv", "moves"), ("mcap", None)):
+        with pytest.raises(
+            InputError, match=r"expected the table messages, or 'cubepath log filter'"
+        ):
+            export(recorded, tmp_path / f"out.{suffix}", table=table)
+    assert export(recorded, tmp_path / "all.csv").count == SAID - 3
     with pytest.raises(InputError, match="expected seconds, not rounds"):
         split_recording(recorded, tmp_path / "parts", rounds=1)
     with pytest.raises(InputError, match=r"endpoint=ENDPOINT \(--listen\) for a router of its own"):

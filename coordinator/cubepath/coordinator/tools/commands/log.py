@@ -108,6 +108,11 @@ def _log_time(text: str) -> int | float:
 
 def _within(recording: Recording, asked: float | None) -> int | None:
     """Return a log time of a recording; seconds are counted from its first message."""
+    # Log times on any keys are nanoseconds since 1970.
+    if recording.of_keys and isinstance(asked, int) and asked < 10**9:
+        raise InputError(
+            f"{asked}: messages on any keys have no rounds, expected a time such as {asked}s"
+        )
     if not isinstance(asked, float):
         return asked
     if not recording.of_keys:
@@ -204,8 +209,7 @@ def add_log_export(export: argparse.ArgumentParser) -> None:
     export.add_argument(
         "--table",
         choices=("moves", "claims", "messages", "rounds"),
-        default="moves",
-        help="which table (default moves)",
+        help="which table (default moves; on any keys messages)",
     )
     add_selection_options(export)
     more = more_options(export)
@@ -381,9 +385,10 @@ def _record(options: argparse.Namespace) -> int:
             interrupted = True
     console.answer(options, _document(recorder), console.table(_rows(recorder)))
     _complain_of(recorder, keys)
-    if interrupted:
+    if interrupted and keys is None:
         console.complain("interrupted")
         return console.INTERRUPTED
+    options.interrupts.came = False  # as a recorder of any keys ends
     return console.FAILED if recorder.ended == "router gone" else console.DONE
 
 

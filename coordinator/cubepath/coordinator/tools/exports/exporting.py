@@ -405,7 +405,7 @@ def export(
     out: Path | str,
     *,
     form: str | None = None,
-    table: str = "moves",
+    table: str | None = None,
     first: int | None = None,
     until: int | None = None,
     topics: Sequence[str] = (),
@@ -418,10 +418,11 @@ def export(
     """Write a table of a recording, or a file for viewers; return what was written.
 
     `form` is "csv", "parquet", "json" (one list), "jsonl" (an object a line), or "moves": a moves
-    file, as `convert` writes it. By default it is the suffix of `out`. `table` is "moves",
-    "claims", "messages" or "rounds"; docs/recordings.md has their columns, units and types. `first`
-    and `until` are the first and the last round that is taken; `topics`, `exclude` (patterns) and
-    `kinds` are for messages. Rows are read and written some at a time.
+    file, as `convert` writes it. By default it is the suffix of `out`. `table` is "moves" (the
+    default), "claims", "messages" (the default on any keys) or "rounds"; docs/viewers.md has their
+    columns, units and types. `first` and `until` are the first and the last round that is taken;
+    `topics`, `exclude` (patterns) and `kinds` are for messages. Rows are read and written some at a
+    time.
 
     Two forms more are for viewers, which have a time line: "mcap" holds the messages of the
     recording, and with `foxglove` the robot as well, as Foxglove's protobuf messages; "rrd" holds
@@ -441,11 +442,12 @@ def export(
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     named = form_of(out, form)
+    table = table or ("messages" if recording.of_keys else "moves")
     selection = cutting.MessageSelection(tuple(topics), tuple(exclude), first, until)
     if recording.of_keys and (table != "messages" or named in (*VIEWERS, "moves")):
         raise InputError(
-            f"{recording.path}: messages on any keys, expected --table messages as a table, or the"
-            " recording of a run"
+            f"{recording.path}: messages on any keys, which Foxglove reads as they are: expected"
+            " the table messages, or 'cubepath log filter' for a part"
         )
     cutting.check_topics(recording, selection)
     if named in VIEWERS:
