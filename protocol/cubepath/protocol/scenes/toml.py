@@ -32,7 +32,7 @@ class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True)
     name: str = ""
     family: str = ""
     goal: list[Any] | None = None
-    goals: list[list[Any]] = []
+    goals: list[Any] | None = None
     rule: str = ""
 
 
@@ -123,22 +123,49 @@ def _scene(table: dict[str, Any], where: str, kind: type[System], system: System
         raise InputError(f"rule: expected the name of a rule, not of a file, found {found.rule!r}")
     system = system or _system(kind, table[kind.table])
     start = _modules(system, "start", found.start)
-    goals = tuple(
-        _modules(system, f"goals[{number}]", each) for number, each in enumerate(found.goals)
-    )
     goal = None if found.goal is None else _modules(system, "goal", found.goal)
     if goal is not None and len(set(goal)) < len(goal):
         twice = next(site for site in goal if goal.count(site) > 1)
         raise InputError(f"goal: {twice!r} stands twice")
-    return Scene(
+    if found.goals is None:  # every module knows the whole goal
+        goals = () if goal is None or system.labels is not None else (goal,) * len(start)
+    else:
+        goals = _goals(system, start, found.goals)
+    scene = Scene(
         spec=found.name or where,
         family=found.family,
         system=system,
         start=start,
         goal=None if goal is None else frozenset(goal),
-        goals=goals * len(start) if len(goals) == 1 else goals,
+        goals=goals,
         rule=found.rule,
     )
+    if found.goals is None and goal is not None and system.labels is not None:
+        return replace(scene, goals=_own_parts(system, start, goal))  # its sites are checked now
+    return scene
+
+
+def _own_parts(
+    system: System, start: tuple[Site, ...], goal: tuple[Site, ...]
+) -> tuple[tuple[Site, ...], ...]:
+    """Return for each module the places of its label in the goal."""
+    labels = [(system.label_of(site), system.place_of(site)) for site in goal]
+    return tuple(
+        tuple(place for label, place in labels if label == system.label_of(site)) for site in start
+    )
+
+
+def _goals(
+    system: System, start: tuple[Site, ...], lists: list[Any]
+) -> tuple[tuple[Site, ...], ...]:
+    for number, each in enumerate(lists):
+        if not isinstance(each, list):
+            raise InputError(
+                f"goals[{number}]: expected a list of sites for each module, or one such list for"
+                f" all, [[SITE, ...]], found {each!r}"
+            )
+    goals = tuple(_modules(system, f"goals[{number}]", each) for number, each in enumerate(lists))
+    return goals * len(start) if len(goals) == 1 else goals
 
 
 def _modules(system: System, key: str, values: Iterable[object]) -> tuple[Site, ...]:
@@ -169,7 +196,7 @@ def scene_to_toml(scene: Scene) -> str:
     }
     if scene.goal is not None:
         table["goal"] = to_json(in_order(scene.goal))
-    if scene.goals:
+    if scene.goals or scene.goal:
         # Modules that all know the same goal (a chain's cells) share one entry.
         distinct = tuple(dict.fromkeys(scene.goals))
         table["goals"] = to_json(distinct if len(distinct) == 1 else scene.goals)
