@@ -79,6 +79,9 @@ def _document(found: LocalityReport, seconds: float) -> dict[str, object]:
     }
 
 
+_NONE_BEYOND = ": not tested whether the rule sees farther, try a larger system"
+
+
 def _text(found: LocalityReport, seconds: float) -> str:
     clock = "" if found.clock == "lockstep" else f", {found.clock} clock"
     rows: list[tuple[str, object]] = [
@@ -86,7 +89,7 @@ def _text(found: LocalityReport, seconds: float) -> str:
         ("systems", ", ".join(found.systems)),
         ("modules", f"{found.modules} played again alone"),
         ("choices", f"{found.choices} compared"),
-        ("changes", f"{found.changes} beyond reach"),
+        ("changes", f"{found.changes} beyond reach{'' if found.changes else _NONE_BEYOND}"),
         ("findings", len(found.findings) or "none"),
         ("time", f"{seconds:.2f} s"),
     ]
