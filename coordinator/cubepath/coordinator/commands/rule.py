@@ -142,7 +142,7 @@ def _list(options: argparse.Namespace) -> int:
             f"    source: {rule.source}",
         ]
     lines += ["any rule:", *_key_lines(LIMITS)]
-    lines.append("a page: random, metropolis, and each rule whose systems have the page's moves")
+    lines.append("a page (a TOML file): random, metropolis, and each rule whose systems have the page's moves")
     console.answer(options, document, "\n".join(lines))
     return console.DONE
 
