@@ -52,10 +52,7 @@ class Actor:
         self._doubt = doubt
 
     def act(self, observation: Mapping[str, Array], round_number: int | None = None) -> Choice:
-        """Return the rule's choice, checked; RuleError if the rule fails or chooses badly.
-
-        The error names the round, if it is known.
-        """
+        """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
         when = "" if round_number is None else f", round {round_number}"
         with RuleBlame(self._name + when):
@@ -104,11 +101,7 @@ class RuleBlame:
 
 
 def line_of(error: BaseException) -> str:
-    """Return the last line in the rule's file that raised an error, as " at FILE:LINE".
-
-    The rule's file is the first on the way that is not one of this folder; if there is none, the
-    result is empty.
-    """
+    """Return which line of the rule's file, the first that is none of these, raised an error."""
     way = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
     file = next((file for file, _ in way if not file.startswith(_OWN)), None)
     lines = [line for each, line in way if each == file]

@@ -215,9 +215,7 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
         " fewest cubes known in the system, including those of all runs here; price is rounds over"
         " best. Time is in turns of a module that is not slow, under the simulator in virtual"
         " seconds; it is shown if it differs from the rounds."
-        + faulty
-        * " By fault counts the runs that a fault ended, or the limit of virtual time: they"
-        " did not reach their goal, which may say nothing of the rule.",
+        " By fault counts runs that a fault or the limit of virtual time ended.",
         (*keys, *_MEASURED, *_KNOWN),
         tuple(found),
     )

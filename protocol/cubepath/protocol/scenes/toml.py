@@ -127,45 +127,31 @@ def _scene(table: dict[str, Any], where: str, kind: type[System], system: System
     if goal is not None and len(set(goal)) < len(goal):
         twice = next(site for site in goal if goal.count(site) > 1)
         raise InputError(f"goal: {twice!r} stands twice")
-    if found.goals is None:  # every module knows the whole goal
-        goals = () if goal is None or system.labels is not None else (goal,) * len(start)
-    else:
-        goals = _goals(system, start, found.goals)
+    if found.goals is not None:
+        goals = _goals(system, found.goals)
+    else:  # each module knows the whole goal
+        goals = () if goal is None or system.labels is not None else (goal,)
     scene = Scene(
         spec=found.name or where,
         family=found.family,
         system=system,
         start=start,
         goal=None if goal is None else frozenset(goal),
-        goals=goals,
+        goals=goals * len(start) if len(goals) == 1 else goals,
         rule=found.rule,
     )
     if found.goals is None and goal is not None and system.labels is not None:
-        return replace(scene, goals=_own_parts(system, start, goal))  # its sites are checked now
+        own = {system.label_of(site): (system.place_of(site),) for site in goal}
+        scene = replace(scene, goals=tuple(own.get(system.label_of(site), ()) for site in start))
     return scene
 
 
-def _own_parts(
-    system: System, start: tuple[Site, ...], goal: tuple[Site, ...]
-) -> tuple[tuple[Site, ...], ...]:
-    """Return for each module the places of its label in the goal."""
-    labels = [(system.label_of(site), system.place_of(site)) for site in goal]
-    return tuple(
-        tuple(place for label, place in labels if label == system.label_of(site)) for site in start
-    )
-
-
-def _goals(
-    system: System, start: tuple[Site, ...], lists: list[Any]
-) -> tuple[tuple[Site, ...], ...]:
+def _goals(system: System, lists: list[Any]) -> tuple[tuple[Site, ...], ...]:
     for number, each in enumerate(lists):
         if not isinstance(each, list):
-            raise InputError(
-                f"goals[{number}]: expected a list of sites for each module, or one such list for"
-                f" all, [[SITE, ...]], found {each!r}"
-            )
-    goals = tuple(_modules(system, f"goals[{number}]", each) for number, each in enumerate(lists))
-    return goals * len(start) if len(goals) == 1 else goals
+            form = "a list of sites for each module, or one such list for all, [[SITE, ...]]"
+            raise InputError(f"goals[{number}]: expected {form}, found {each!r}")
+    return tuple(_modules(system, f"goals[{number}]", each) for number, each in enumerate(lists))
 
 
 def _modules(system: System, key: str, values: Iterable[object]) -> tuple[Site, ...]:
