@@ -13,6 +13,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 NOT_OURS = frozenset(
     [
         "braced",
+        "breakpoint",
         "concurrent",
         "crawl",
         "crossing",

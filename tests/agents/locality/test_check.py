@@ -163,7 +163,7 @@ EXPECTED = {
     "set_order": {
         "hashing": "depends on hashes or addresses, as by the order of a set: module_0 of hex"
     },
-    "raises": {"fails": "fails: module_0 of hex:n=4 raises KeyError in round 3"},
+    "raises": {"fails": "fails: module_0 of hex:n=4 raises KeyError at raises.py:13 in round 3"},
     "vanishes": {"fails": "fails: hex:n=4, in a run: ended its process"},
 }
 ESSENTIAL = (

@@ -85,12 +85,15 @@ def test_a_rule_of_another_distribution_runs_and_may_print(
 
 
 FAILING = [
-    ("boom", "rule 'boom', module_0: ValueError: first line second line"),
-    ("none", "rule 'none', module_0: returned None, expected one integer, or a Choice"),
-    ("illegal", "rule 'illegal', module_0: chose action 99, legal were [0"),
-    ("leave", "rule 'leave', module_0: SystemExit: 7"),
-    ("long", "rule 'long', module_0: a note of 3 numbers, expected 2"),
-    ("huge", "rule 'huge', module_0: a note with 1099511627776"),
+    (
+        "boom",
+        "rule 'boom', module_0, round 1: ValueError: first line second line at others_rules.py:11",
+    ),
+    ("none", "rule 'none', module_0, round 1: returned None, expected one integer, or a Choice"),
+    ("illegal", "rule 'illegal', module_0, round 1: chose action 99, legal were [0"),
+    ("leave", "rule 'leave', module_0, round 1: SystemExit: 7 at others_rules.py:15"),
+    ("long", "rule 'long', module_0, round 1: a note of 3 numbers, expected 2"),
+    ("huge", "rule 'huge', module_0, round 1: a note with 1099511627776"),
     ("give-up", "module_0: no hope"),
 ]
 """Each with the line that is told of it. All that a rule raises takes one way through processes."""

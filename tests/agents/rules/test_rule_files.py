@@ -51,6 +51,8 @@ def test_a_rule_is_found_in_a_file(file: Path) -> None:
     rule = rule_named(f"{file}:LAST", system)
     assert rule.name == "last"
     assert rule_in_file(f"{file}:LAST") is rule
+    with pytest.raises(InputError, match=r"not for the free clock: .*, or a RuleType with free="):
+        rule_named(f"{file}:LAST", system, "free")
 
 
 @pytest.mark.parametrize(

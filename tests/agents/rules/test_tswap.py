@@ -261,7 +261,7 @@ def test_it_fits_unlabelled_graphs_only() -> None:
 def test_it_needs_a_goal() -> None:
     """A vehicle without a goal is refused at birth."""
     scene = Scene("test", "agv", GraphSystem([0, 1], [(0, 1)]), (0,))
-    with pytest.raises(InputError, match="needs one goal a vehicle, found 0"):
+    with pytest.raises(InputError, match="one goal a vehicle, found 0: expected a list `goals`"):
         actors_for(scene, TSWAP, seed=0, hesitate=0.0)
 
 

@@ -46,9 +46,12 @@ def test_without_rounds_too(scheduler: str) -> None:
 
 
 def test_a_goal_in_two_rows_is_refused() -> None:
-    """In one line."""
+    """In one line, and no error proposes the rule for the scene."""
     scene = scene_from_spec("hex-tunnel:n=3")
     goals = (*scene.goals[0][:2], (4, 2))
     other = replace(scene, goal=frozenset(goals), goals=(goals,) * 3)
     with pytest.raises(InputError, match="needs a goal that is a straight part of one row"):
         rule_for("tunnel", other)
+    with pytest.raises(InputError, match="not for this system: rule 'word', expected") as error:
+        rule_for("word", other)
+    assert "tunnel" not in str(error.value)

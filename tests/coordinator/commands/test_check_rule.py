@@ -49,6 +49,7 @@ def test_a_finding_is_a_line_and_exit_code_1(tmp_path: Path) -> None:
     assert done.returncode == 1, done.stderr
     lines = done.stdout.splitlines()
     assert lines[:2] == ["rule      clock.py:RULE, seed 4", "systems   hex:n=3"]
+    assert lines[4].startswith("changes   0 beyond reach: not tested whether the rule sees farther")
     assert lines[5] == "findings  1"
     assert lines[7].startswith("  uses the clock (time.time_ns in clock.py:11): module_")
 

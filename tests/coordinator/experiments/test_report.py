@@ -82,6 +82,14 @@ def test_what_failed_is_counted_however_it_did(folder: Path) -> None:
     assert len(FAILURES) > 2
 
 
+def test_what_a_fault_ended_is_counted_apart(folder: Path) -> None:
+    """So it is not taken for what the rule did; without any there is no such column to see."""
+    row = read_sweep(folder).rows[0]
+    (told,) = runs_table([row, {**row, "ended": "fault", "goal": False}]).document()
+    assert (told["runs"], told["by fault"], told["failed"]) == (2, 1, 0)
+    assert runs_table([row]).document()[0]["by fault"] is None
+
+
 def test_there_is_one_best_of_a_system(folder: Path) -> None:
     """The fewest cubes of any run there or known before, in all tables, whichever row has it."""
     rows = read_sweep(folder).rows

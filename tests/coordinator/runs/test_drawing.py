@@ -104,6 +104,15 @@ def test_states_of_the_schedule() -> None:
     assert words[-1].startswith(f"cube {len(shortest) - 1}")
 
 
+def test_states_are_those_in_which_something_moves() -> None:
+    """A run that mostly stands still is not shown by equal pictures."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out, on = (scene.system.action("edge", at) for at in ((0, 1), (1, 2)))
+    run = list(snapshots(scene, [[], [], [out], *[[]] * 20, [on], *[[]] * 30]))
+    figure = pictures._figure(scene, run, run, "", set())
+    assert [text.get_text() for text in figure.texts][2:] == ["start", "round 3", "round 24"]
+
+
 def test_long_specs_are_cut() -> None:
     """The title leaves out folders, not file names."""
     spec = "agv-labelled:graph=/data/maps/random.map,scene=/data/30.json"

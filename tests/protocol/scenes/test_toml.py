@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.scenes.toml import scene_from_toml
+from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 
 YARD = """
 format = "cubepath-system-1"
@@ -77,7 +78,10 @@ def test_goals_of_labelled_vehicles_are_vertices() -> None:
         ('[["lane"], ["dock"]]', r"goals\[0\]: \('lane', 0\) is no site of the goal"),
         ('[["dock", "lane"]]', r"goals\[0\]: \('lane', 0\) is no site of the goal"),
         ('[["dock"], [1979-05-27]]', r"goals\[1\]: a site is a JSON number, string or list"),
-        ('["dock", "lane"]', r"goals\[0\]: expected a list, found a text"),
+        (
+            '["dock", "lane"]',
+            r"goals\[0\]: expected a list of sites for each module, or one .* found 'dock'",
+        ),
         ('[["dock"], [{a = 1}]]', r"goals\[1\]: a site is a JSON number, string or list"),
     ],
 )
@@ -163,10 +167,31 @@ def test_goals_of_places_with_letters_may_leave_out_the_letter() -> None:
         replace(words, goals=(((0, "a"),), ((1, "a"),)))
 
 
+@pytest.mark.parametrize(
+    ("text", "goals"),
+    [
+        (YARD, (("dock",), ("lane",))),
+        (FLOOR.replace("goals", "goal = [[3, 1], [5, 1]]\ngoals"), (((3, 1), (5, 1)),) * 2),
+        (HOUSE.replace("GOAL", "[[1, 3], [1, 4], [0, 1]]", 1), (((1, 3), (1, 4)),) * 2),
+    ],
+)
+def test_without_goals_each_module_knows_the_whole_goal(
+    text: str, goals: tuple[tuple[Site, ...], ...]
+) -> None:
+    """With labels that is its own vertex; `goals = []` says that no module knows any of it."""
+    start = WHOLE if text.startswith(HOUSE[:50]) else TWO
+    known = scene(text.replace("goals = GOALS\n", ""), start=start)
+    assert known.goals == goals
+    for each in (known, replace(known, goals=())):
+        assert scene_from_toml(scene_to_toml(each), "again").goals == each.goals
+
+
 def test_booleans_are_no_labels() -> None:
     """A label is a whole number: true is not 1."""
     with pytest.raises(InputError, match=r"a site is a JSON .* found true"):
         scene(YARD.replace('["dock", 1]', '["dock", true]', 1), goals="[]")
+    with pytest.raises(InputError, match=r"with label below 2, found ..lane., .b"):
+        scene(YARD.replace('["lane", 1]]', '["lane", "b"]]').replace("goals = GOALS\n", ""))
 
 
 def test_there_are_no_more_labels_than_vertices() -> None:

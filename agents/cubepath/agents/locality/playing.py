@@ -16,7 +16,7 @@ from cubepath.agents.local.observation import Note, Observation
 from cubepath.agents.local.random_streams import HESITATE, RULE, stream
 from cubepath.agents.locality import plays
 from cubepath.agents.locality.traps import Traps, place
-from cubepath.agents.rules.actor import Actor, knowledge_of
+from cubepath.agents.rules.actor import Actor, knowledge_of, line_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleName, RuleType
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.system import Scene
@@ -128,7 +128,7 @@ def _type_of(error: RuleError) -> str:
     """Return the type of a rule's own error; its text may hold addresses of objects."""
     cause = error.__cause__
     text = "" if not isinstance(cause, InputError | AttributeError | TypeError) else f": {cause}"
-    return f"{type(cause).__name__}{text}"
+    return f"{type(cause).__name__}{text}{'' if cause is None else line_of(cause)}"
 
 
 def _made(

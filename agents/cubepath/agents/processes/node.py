@@ -368,7 +368,7 @@ class HostNode:
                 claims += core.claim(action, tuple(act.note))
         else:
             for module, core in self._cores.items():
-                choice = self._actors[module].act(core.observation())
+                choice = self._actors[module].act(core.observation(), self._round)
                 claims += core.claim(choice.action, choice.note, choice.failed)
         effects = self._outbox.say("claim", self._tell_own(claims))
         return [*effects, *self._answer(self._ready("claim"))]

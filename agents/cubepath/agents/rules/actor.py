@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
+from traceback import walk_tb
 
 from cubepath.agents.keepers.attempts import support_units
 from cubepath.agents.local.observation import STAY, Array, Note, checked_note, is_legal, view_of
@@ -18,6 +20,8 @@ from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.wire.free_messages import Attempt
 from cubepath.protocol.wire.keys import Tiles
+
+_OWN = str(Path(__file__).parent)
 
 
 class Actor:
@@ -47,10 +51,11 @@ class Actor:
         self._hesitate = hesitate
         self._doubt = doubt
 
-    def act(self, observation: Mapping[str, Array]) -> Choice:
+    def act(self, observation: Mapping[str, Array], round_number: int | None = None) -> Choice:
         """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
-        with RuleBlame(self._name):
+        when = "" if round_number is None else f", round {round_number}"
+        with RuleBlame(self._name + when):
             choice = as_choice(self._rule(view))
             if not is_legal(view.mask, choice.action):
                 legal = view.mask.nonzero()[0].tolist()
@@ -88,10 +93,19 @@ class RuleBlame:
         """Raise RuleError for what the rule has raised."""
         if isinstance(error, InputError):
             if not self._making:
-                raise RuleError(f"{self._name}: {error}") from error
+                raise RuleError(f"{self._name}: {error}{line_of(error)}") from error
         elif isinstance(error, (Exception, SystemExit)):
             text = " ".join(str(error).split())
-            raise RuleError(f"{self._name}: {type(error).__name__}: {text}") from error
+            text = f"{type(error).__name__}: {text}{line_of(error)}"
+            raise RuleError(f"{self._name}: {text}") from error
+
+
+def line_of(error: BaseException) -> str:
+    """Return which line of the rule's file, the first that is none of these, raised an error."""
+    way = [(frame.f_code.co_filename, line) for frame, line in walk_tb(error.__traceback__)]
+    file = next((file for file, _ in way if not file.startswith(_OWN)), None)
+    lines = [line for each, line in way if each == file]
+    return "" if file is None else f" at {Path(file).name}:{lines[-1]}"
 
 
 def actors_for(

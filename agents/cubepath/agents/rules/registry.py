@@ -227,21 +227,29 @@ def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
 
     It must hold under the clock, too.
     """
+    return _named(name, system, clock)
+
+
+def _named(name: str, system: System, clock: str, scene: Scene | None = None) -> RuleType:
+    """Return the rule of that name; errors propose rules for the scene, if it is known."""
     if clock not in CLOCKS:
         near = did_you_mean(str(clock), CLOCKS)
         raise InputError(f"clock={clock}{near}: expected one of {', '.join(CLOCKS)}")
     if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"rule={name!r}: expected the name of a rule, or FILE.py:NAME")
     found = find_rule(name)
-    if found is not None and clock not in found.clocks:
-        fitting = ", ".join(rule.name for rule in rules_for(system) if clock in rule.clocks)
-        raise InputError(f"not for the {clock} clock: rule {name!r}, expected one of {fitting}")
-    if found is None or not found.is_for(system):
-        fitting = ", ".join(rule.name for rule in rules_for(system))
-        what = "unknown rule" if found is None else "not for this system: rule"
-        near = _near(name) if found is None else ""
-        raise InputError(f"{what} {name!r}{near}, expected one of {fitting}")
-    return found
+    if found is not None and clock in found.clocks and found.is_for(system):
+        return found
+    what, own = "not for this system: rule", ""
+    if found is None:
+        what = "unknown rule"
+    elif clock not in found.clocks:
+        what = f"not for the {clock} clock: rule"
+        own = "" if is_built_in(found) else ", or a RuleType with free=FreeRule(...)"
+    near = _near(name) if found is None else ""
+    fits = [rule.name for rule in rules_for(system) if clock in rule.clocks]
+    fitting = ", ".join(fits if scene is None else fitting_rules(scene, clock))
+    raise InputError(f"{what} {name!r}{near}, expected one of {fitting}{own}")
 
 
 _TRIED = 16
@@ -260,7 +268,7 @@ def rule_for(name: str, scene: Scene, clock: str = "lockstep") -> RuleType:
 
     InputError if there is none, or it is not for the system, this scene of it, or the clock.
     """
-    found = rule_named(name, scene.system, clock)
+    found = _named(name, scene.system, clock, scene)
     why = misfit(found, scene, clock)
     if why is not None:
         fitting = ", ".join(fitting_rules(scene, clock))

@@ -208,7 +208,10 @@ class RuleType:
             return operator.index(own(modules))
         except Exception as error:
             why = " ".join(f"{type(error).__name__}: {error}".split())
-            raise RuleError(f"rule {self.name!r}: its note_length: {why}") from error
+            raise RuleError(
+                f"rule {self.name!r}: its note_length: {why}, expected a function of the number of"
+                " modules that returns a whole number"
+            ) from error
 
 
 def _limited(rule: RuleType, values: Mapping[str, str]) -> RuleType:

@@ -53,7 +53,8 @@ class Vehicle(Generic[NoteT]):
             raise InputError(f"rule {rule!r} is for vehicles on a graph")
         if len(knowledge.goals) != 1:
             raise InputError(
-                f"rule {rule!r} needs one goal a vehicle, found {len(knowledge.goals)}"
+                f"rule {rule!r} needs one goal a vehicle, found {len(knowledge.goals)}:"
+                " expected a list `goals` with one vertex for each"
             )
         self._graph = graph
         self._roads = roads_of(graph)

@@ -338,7 +338,7 @@ class RuleAudit:
         if not self._actors:
             return
         error = (summary.error or "").rpartition("; then ")[2]
-        blamed = [n for n in self._actors if error.startswith(f"{self._named(n)}: ")]
+        blamed = [n for n in self._actors if error.startswith(f"{self._named(n)}, round ")]
         if not blamed:
             return
         length = self._actors[blamed[0]].note_length

@@ -15,6 +15,8 @@ from cubepath.protocol.core.parsing import Keys
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.agents.locality.check import LocalityReport
 
+_UNTESTED = ": not tested whether the rule sees farther, try a larger system"
+
 
 def add_rule_check(check: argparse.ArgumentParser) -> None:
     """Add the options of ``rule check``."""
@@ -86,7 +88,7 @@ def _text(found: LocalityReport, seconds: float) -> str:
         ("systems", ", ".join(found.systems)),
         ("modules", f"{found.modules} played again alone"),
         ("choices", f"{found.choices} compared"),
-        ("changes", f"{found.changes} beyond reach"),
+        ("changes", f"{found.changes} beyond reach" + _UNTESTED * (not found.changes)),
         ("findings", len(found.findings) or "none"),
         ("time", f"{seconds:.2f} s"),
     ]
@@ -139,7 +141,9 @@ def _list(options: argparse.Namespace) -> int:
             f"    source: {rule.source}",
         ]
     lines += ["any rule:", *_key_lines(LIMITS)]
-    lines.append("a page: random, metropolis, and each rule whose systems have the page's moves")
+    lines.append(
+        "a page (TOML): random, metropolis, and each rule whose systems have the page's moves"
+    )
     console.answer(options, document, "\n".join(lines))
     return console.DONE
 

@@ -160,7 +160,7 @@ def rounds_or_limit(row: Row) -> int | None:
 
 
 _MEASURED = ("runs", "goal", "rounds", "time", "moves", "costs", "cubes")
-_KNOWN = ("bound", "best", "price", "conflicts", "messages", "stuck", "failed")
+_KNOWN = ("bound", "best", "price", "conflicts", "messages", "stuck", "by fault", "failed")
 
 
 def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) -> ReportTable:
@@ -172,6 +172,7 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
     paid = groups(priced(rows), keys)
     # With rounds it may say the same again.
     timed = any(row["time"] not in {None, row["rounds"]} for row in rows)
+    faulty = any(row["ended"] == "fault" for row in rows)
     found = []
     for key, several in groups(rows, keys).items():
         reached = [row for row in several if row["goal"]]
@@ -191,6 +192,7 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
                 _mean(several, lambda row: row["conflicts"]),
                 _mean(several, lambda row: row["messages"]),
                 sum(bool(row["stuck"]) for row in several),
+                sum(row["ended"] == "fault" for row in several) if faulty else None,
                 sum(row["ended"] in FAILURES for row in several),
             )
         )
@@ -212,7 +214,8 @@ def runs_table(rows: Sequence[Row], published: Sequence[PublishedResults] = ()) 
         " all modules. Intervals are those of 2,000 seeded bootstrap resamples, at 95%. Best is the"
         " fewest cubes known in the system, including those of all runs here; price is rounds over"
         " best. Time is in turns of a module that is not slow, under the simulator in virtual"
-        " seconds; it is shown if it differs from the rounds.",
+        " seconds; it is shown if it differs from the rounds."
+        " By fault counts runs that a fault or the limit of virtual time ended.",
         (*keys, *_MEASURED, *_KNOWN),
         tuple(found),
     )

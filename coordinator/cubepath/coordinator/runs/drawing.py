@@ -64,10 +64,10 @@ class Sheet:
     """How a picture of a run is set out.
 
     `states` are the numbers of the steps after which states are shown, 0 for the start; None means
-    six of them, evenly spread. `title` stands in place of the name of the system, `caption` below
-    everything. `parts` says what is drawn: the states, the schedule or both. `zoom` says whether
-    each state is framed around its modules, at one scale; None means where modules would be too
-    small to read otherwise, and nothing but free lattice is left out.
+    six of those in which something moves, evenly spread. `title` stands in place of the name of the
+    system, `caption` below everything. `parts` says what is drawn: the states, the schedule or
+    both. `zoom` says whether each state is framed around its modules, at one scale; None means
+    where modules would be too small to read otherwise, and nothing but free lattice is left out.
 
     >>> Sheet(states=(0, 10, 20), title="A chain turns", dark=True).parts
     'both'
@@ -239,7 +239,7 @@ def _figure(
 ) -> Figure:
     theme = DARK if sheet.dark else LIGHT
     states, state_name = (run, step_name) if what == "run" else (shortest, "cube")
-    shown = _shown(sheet, len(states), state_name)
+    shown = _shown(sheet, states, state_name)
     box = extent(scene, visited(chain(run, shortest)))
     boxes = _frames(scene, [states[number] for number in shown], box, sheet.zoom)
     width, columns, wide, tall = _panels(boxes[0], len(shown))
@@ -296,10 +296,14 @@ def _wrapped(words: str, width: int) -> list[str]:
     return [line for each in words.splitlines() for line in textwrap.wrap(each, width) or [""]]
 
 
-def _shown(sheet: Sheet, count: int, name: str) -> list[int]:
+def _shown(sheet: Sheet, run: Sequence[Snapshot], name: str) -> list[int]:
     """Return the numbers of the states that are shown."""
+    count = len(run)
     if sheet.states is None:
-        return sorted(set(np.linspace(0, count - 1, _STATES).round().astype(int).tolist()))
+        new = [number for number, state in enumerate(run) if not number or state.moved]
+        return [
+            new[n] for n in sorted({*np.linspace(0, len(new) - 1, _STATES).round().astype(int)})
+        ]
     states = list(dict.fromkeys(sheet.states))
     if len(states) > _STATES_MAX:
         raise InputError(f"{len(states)} states to show, expected at most {_STATES_MAX}")

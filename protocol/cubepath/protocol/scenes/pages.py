@@ -72,8 +72,6 @@ def expanded(
     system = LatticeSystem(catalogue, **walls, connected=page.connected)
     if isinstance(cells.get("goal"), dict):
         cells["goal"] = _walk_end(system, cells, values)
-    if "goal" in cells:
-        cells.setdefault("goals", [cells["goal"]])
     return found | cells, system, chosen
 
 

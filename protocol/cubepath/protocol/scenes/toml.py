@@ -32,7 +32,7 @@ class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True)
     name: str = ""
     family: str = ""
     goal: list[Any] | None = None
-    goals: list[list[Any]] = []
+    goals: list[Any] | None = None
     rule: str = ""
 
 
@@ -123,14 +123,15 @@ def _scene(table: dict[str, Any], where: str, kind: type[System], system: System
         raise InputError(f"rule: expected the name of a rule, not of a file, found {found.rule!r}")
     system = system or _system(kind, table[kind.table])
     start = _modules(system, "start", found.start)
-    goals = tuple(
-        _modules(system, f"goals[{number}]", each) for number, each in enumerate(found.goals)
-    )
     goal = None if found.goal is None else _modules(system, "goal", found.goal)
     if goal is not None and len(set(goal)) < len(goal):
         twice = next(site for site in goal if goal.count(site) > 1)
         raise InputError(f"goal: {twice!r} stands twice")
-    return Scene(
+    if found.goals is not None:
+        goals = _goals(system, found.goals)
+    else:  # each module knows the whole goal
+        goals = () if goal is None or system.labels is not None else (goal,)
+    scene = Scene(
         spec=found.name or where,
         family=found.family,
         system=system,
@@ -139,6 +140,18 @@ def _scene(table: dict[str, Any], where: str, kind: type[System], system: System
         goals=goals * len(start) if len(goals) == 1 else goals,
         rule=found.rule,
     )
+    if found.goals is None and goal is not None and system.labels is not None:
+        own = {system.label_of(site): (system.place_of(site),) for site in goal}
+        scene = replace(scene, goals=tuple(own.get(system.label_of(site), ()) for site in start))
+    return scene
+
+
+def _goals(system: System, lists: list[Any]) -> tuple[tuple[Site, ...], ...]:
+    for number, each in enumerate(lists):
+        if not isinstance(each, list):
+            form = "a list of sites for each module, or one such list for all, [[SITE, ...]]"
+            raise InputError(f"goals[{number}]: expected {form}, found {each!r}")
+    return tuple(_modules(system, f"goals[{number}]", each) for number, each in enumerate(lists))
 
 
 def _modules(system: System, key: str, values: Iterable[object]) -> tuple[Site, ...]:
@@ -169,7 +182,7 @@ def scene_to_toml(scene: Scene) -> str:
     }
     if scene.goal is not None:
         table["goal"] = to_json(in_order(scene.goal))
-    if scene.goals:
+    if scene.goals or scene.goal:
         # Modules that all know the same goal (a chain's cells) share one entry.
         distinct = tuple(dict.fromkeys(scene.goals))
         table["goals"] = to_json(distinct if len(distinct) == 1 else scene.goals)

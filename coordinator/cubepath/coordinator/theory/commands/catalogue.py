@@ -96,7 +96,9 @@ def _scenes(spec: str) -> Iterator[Scene]:
 
 def _catalogue(spec: str, scene: Scene) -> Catalogue:
     if scene.system.catalogue is None:
-        raise InputError(f"{spec}: has no generators, expected a system on a lattice")
+        raise InputError(
+            f"{spec}: has no generators, expected one on a lattice (complex explores any)"
+        )
     return scene.system.catalogue
 
 
