@@ -12,12 +12,12 @@ from cubepath.coordinator.shortening.path_input import _Reading
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.file_forms import NO_HINTS
 from cubepath.protocol.path_files import numbered
 from cubepath.protocol.path_files.moves import read_moves
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
-from cubepath.protocol.path_files.supports import TabledActions, ranks, supports_of
+from cubepath.protocol.path_files.supports import TabledActions, supports_of
 from samples.strategies import lists_of
 
 Line = dict[str, str]
@@ -279,26 +279,6 @@ def test_portions_of_any_size_give_one_path(
     for end in ("", "\n", "\n\n \n"):
         path = saved(tmp_path, ("\r\n".join(lines) + end).encode())
         assert everything(quickly(path)) == everything(plainly(path))
-
-
-SITES: st.SearchStrategy[Site] = st.recursive(
-    st.one_of(st.integers(), st.integers(0, 3), st.floats(allow_nan=False), st.text(max_size=2)),
-    lambda sites: st.lists(sites, max_size=3).map(tuple),
-    max_leaves=4,
-)
-
-
-@given(
-    st.one_of(
-        lists_of(SITES, max_size=12),
-        lists_of(st.tuples(st.integers(-2, 2), st.integers()), max_size=12),
-        lists_of(st.tuples(st.tuples(st.integers(0, 2), st.text(max_size=1)), SITES), max_size=12),
-    )
-)
-def test_ranks_are_the_canonical_order(sites: list[Site]) -> None:
-    """Equal sites share a rank, and the others follow one another as in order."""
-    ordered = in_order(dict.fromkeys(sites))
-    assert ranks(sites).tolist() == [ordered.index(site) for site in sites]
 
 
 def test_actions_are_made_one_by_one_of_their_rows(tmp_path: Path) -> None:

@@ -20,8 +20,6 @@ changes, so the segment of the argument comes to see what holds, and its next at
 The rule keeps nothing in mind, so a segment that is started again continues as before.
 """
 
-from collections.abc import Sequence
-
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.catalogue import EDGES
@@ -35,16 +33,11 @@ def _height(edge: Site) -> int:
     return x + (1 if axis == 0 else 0)
 
 
-def _wanted_height(goals: Sequence[Site]) -> int:
-    """Return the height of a segment in the goal word, whose edge there is its only goal."""
-    if not goals:
-        raise InputError("rule 'word' needs a goal word")
-    return _height(goals[0])
-
-
 def make(knowledge: InitialKnowledge) -> Rule:
     """Return the rule of one segment; its only goal is its own edge in the goal word."""
-    wanted = _wanted_height(knowledge.goals)
+    if not knowledge.goals:
+        raise InputError("rule 'word' needs a goal word")
+    wanted = _height(knowledge.goals[0])
 
     def choose(view: View) -> int:
         short = wanted - _height(view.site)

@@ -105,18 +105,12 @@ def _guards_in_order(supports: Supports) -> Numbers:
     return guards[np.lexsort((rank[:, 1], rank[:, 0], row))]
 
 
-class StoredPath(NamedTuple):
-    """Actions read from a table, and for each whether its `before` is its second local state."""
-
-    actions: TabledActions
-    turned: NDArray[np.bool_]
-
-
 def actions_of(
     sites: list[Site], parts: Mapping[str, Listed], names: Sequence[MoveName], stated: list[bool]
-) -> StoredPath | None:
+) -> tuple[TabledActions, NDArray[np.bool_]] | None:
     """Return the actions of a table without building one; None if that takes a closer look.
 
+    With them comes for each whether its `before` is its second local state.
     `parts` are the lists of `support`, `trace`, `before` and `after`. A closer look is needed for
     what is no action, for one action twice, and for some sites that stand for ids.
     """
@@ -136,9 +130,7 @@ def actions_of(
     if len(everything) > len(set(everything)):
         return None
     supports, turned = rows.supports(everything, stated)
-    return StoredPath(
-        TabledActions(supports, lambda number: _encode(names[number]).decode()), turned
-    )
+    return TabledActions(supports, lambda number: _encode(names[number]).decode()), turned
 
 
 _BARE = ("support", "trace", "before", "after")

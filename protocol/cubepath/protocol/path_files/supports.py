@@ -48,8 +48,9 @@ class Supports:
 
     @cached_property
     def order(self) -> Totals:
-        """The rank of each site in canonical order."""
-        return ranks(self.sites)
+        """The rank of each site in canonical order; equal sites share one."""
+        rank = {site: number for number, site in enumerate(in_order(dict.fromkeys(self.sites)))}
+        return np.array([rank[site] for site in self.sites], dtype=np.int64)
 
     @cached_property
     def places_in_order(self) -> Totals:
@@ -169,36 +170,6 @@ class TabledActions(Sequence[Action]):
             ),
             label=self._label(number),
         )
-
-
-def ranks(sites: Sequence[Site]) -> Totals:
-    """Return the rank of each site in canonical order, shape (sites,); equal sites share one.
-
-    The order is that of `cubepath.protocol.core.sites.in_order`. Sites of one kind are compared by
-    columns: numbers, texts, and tuples of one length by what is at each place.
-
-    >>> ranks([(1, 10), (1, 9), (0, 10)]).tolist()
-    [2, 1, 0]
-    """
-    kinds = set(map(type, sites))
-    if kinds == {int}:
-        try:
-            return np.unique(np.array(sites, dtype=np.int64), return_inverse=True)[1]
-        except OverflowError:  # beyond 64 bits
-            pass
-    elif kinds == {tuple}:
-        rows: list[tuple[Site, ...]] = [site for site in sites if isinstance(site, tuple)]
-        if len(set(map(len, rows))) == 1 and rows[0]:
-            columns = [ranks(column) for column in zip(*rows, strict=True)]
-            order = np.lexsort(columns[::-1])
-            differs = np.zeros(len(rows), dtype=np.bool_)
-            for column in columns:
-                differs[1:] |= np.diff(column[order]) != 0
-            found = np.empty(len(rows), dtype=np.int64)
-            found[order] = np.cumsum(differs)
-            return found
-    place = {site: number for number, site in enumerate(in_order(dict.fromkeys(sites)))}
-    return np.array([place[site] for site in sites], dtype=np.int64)
 
 
 class GrowingRows:

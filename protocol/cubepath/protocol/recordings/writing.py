@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Self
+from typing import IO, TYPE_CHECKING, Self, cast
 
 import msgspec
 from mcap.writer import CompressionType, Writer
@@ -89,7 +89,10 @@ class CountedStream:
 def mcap_writer(stream: CountedStream, profile: str, chunk_bytes: int = sys.maxsize) -> Writer:
     """Return the writer of the mcap package, with all CRCs."""
     writer = Writer(
-        stream, chunk_size=chunk_bytes, compression=CompressionType.ZSTD, enable_data_crcs=True
+        cast("IO[bytes]", stream),  # all that it asks for
+        chunk_size=chunk_bytes,
+        compression=CompressionType.ZSTD,
+        enable_data_crcs=True,
     )
     writer.start(profile, profile)
     return writer
@@ -281,7 +284,7 @@ class RecordingWriter:
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record of another name than the recording's own."""
         self.flush()
-        self._guard(lambda: self._writer.add_metadata(name, values))
+        self._guard(lambda: self._writer.add_metadata(name, dict(values)))
 
     def flush_if_due(self) -> None:
         """Write what was appended if it has waited for long; who waits calls it time and again."""
