@@ -251,9 +251,16 @@ class FreeDriver(Driver[FreeFleet]):
             if now - asked > _LOOK_S:
                 asked = now
                 shell.carry_out(collector.fetch())
-            shell.step(_STEP_S)
+            self._step(shell)
             self._check()
             self._look_after(fleet)
+
+    def _step(self, shell: Shell) -> bool:
+        """Record what has come, or comes soon; return whether anything did."""
+        came = shell.step(_STEP_S)
+        if self._collector.contradiction is not None:
+            raise self._collector.contradiction
+        return came
 
     def _next(self) -> RunEnd | None:
         """Take what comes next."""
@@ -262,10 +269,12 @@ class FreeDriver(Driver[FreeFleet]):
             raise AssertionError("a fleet without a shell")
         collector = self._collector
         moves = self.gathered.moves
-        came = shell.step(_STEP_S)
+        came = self._step(shell)
         self._check()
         self._look_after(fleet)
         self._keep_up(shell)
+        if not came:
+            self.answer()
         if self.gathered.moves > moves:
             self._heard = time.monotonic()
             self._goes_on()
@@ -362,7 +371,7 @@ class FreeDriver(Driver[FreeFleet]):
                 if not all_rest or now - halted > HALT_S / 5:  # told once, they halt for a while
                     halted = now
                     shell.carry_out(collector.repeat_order())
-            shell.step(_STEP_S)
+            self._step(shell)
             if known != (known := self._known()):  # in a large run there may be much to catch up
                 until = min(time.monotonic() + seconds, at_most)
 
@@ -398,8 +407,6 @@ class FreeDriver(Driver[FreeFleet]):
     def _keep(self, kept: Keep[free_messages.FreeMessage], wall_ns: int) -> None:
         self._refused += refusals_in(kept)
         self._write(kept.message, kept.data, wall_ns)
-        if self._collector.contradiction is not None:
-            raise self._collector.contradiction
 
     def _write(self, message: free_messages.FreeMessage, data: bytes, wall_ns: int) -> None:
         self._level = max(self._level, free_messages.level_of(message))
