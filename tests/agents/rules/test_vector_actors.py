@@ -15,7 +15,7 @@ from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.chain_task import minus, plus
 from cubepath.agents.rules.compression import COMPRESSION
-from cubepath.agents.rules.registry import BUILT_IN
+from cubepath.agents.rules.registry import BUILT_IN, find_rule
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.vector_actors import vector_actors_for
@@ -101,6 +101,24 @@ def test_every_family_has_the_random_rule(spec: str) -> None:
     """Whatever its sites and moves are."""
     with plain_steps(COMPILED):
         assert Side(scene_from_spec(spec), RANDOM, [1, 2], 0.3).play(5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("values", ["temperature=0.5", "temperature=3,cooling=0.9"])
+@pytest.mark.parametrize("spec", [*LOCAL_FAMILIES, "hex-shapes:n=5", "agv-labelled:graph=K4,n=3"])
+def test_every_family_has_metropolis(spec: str, values: str) -> None:
+    """With one goal a module or several, taken or free, at any temperature."""
+    rule = find_rule(f"metropolis:{values}")
+    assert rule is not None
+    assert Side(scene_from_spec(spec), rule, [1, 2], 0.3).play(16)
+
+
+def test_metropolis_chooses_the_same_when_it_forgets_sites(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A long run of many modules meets more sites than it keeps."""
+    monkeypatch.setattr("cubepath.agents.rules.vector_metropolis._BYTES_MAX", 0)
+    rule = find_rule("metropolis")
+    assert rule is not None
+    assert Side(scene_from_spec("hex-open:n=5"), rule, [1, 2], 0.0).play(30)
 
 
 @pytest.mark.thorough
@@ -282,6 +300,7 @@ def test_who_has_no_vectorised_form() -> None:
     scene, arm = scene_from_spec("hex:n=4"), scene_from_spec("arm:n=3")
     assert [name for name, rule in BUILT_IN.items() if rule.vectorised] == [
         "random",
+        "metropolis",
         "chain",
         "compression",
     ]

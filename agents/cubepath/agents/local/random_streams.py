@@ -122,6 +122,13 @@ def streams_of(seeds: Sequence[int], modules: int, purpose: int) -> Streams:
     return found
 
 
+def draws(streams: Streams, playing: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    """Draw 64 bits from each stream where `playing`, whose shape broadcasts to theirs."""
+    found: NDArray[np.uint64] = hashed(streams, np.uint64(0))
+    streams += np.where(playing, np.uint64(_STEP), np.uint64(0))
+    return found
+
+
 def shared_streams_of(seeds: Sequence[int]) -> Streams:
     """Return the streams that the modules of each environment share, of shape (E, 1)."""
     return np.array([[seed_key(seed, SHARED)] for seed in seeds], np.uint64)

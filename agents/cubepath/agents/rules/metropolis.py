@@ -18,6 +18,7 @@ and the number of legal moves differs from state to state. `compression` does be
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import exp
 from typing import Annotated
 
@@ -26,6 +27,7 @@ from msgspec import Meta
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.potential import OwnPotential
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.vector_metropolis import vector_metropolis
 from cubepath.protocol.core.options import keys_of, options_from_values
 
 
@@ -70,6 +72,7 @@ def metropolis(options: MetropolisOptions) -> RuleType:
         source="Metropolis, Rosenbluth, Rosenbluth, Teller and Teller",
         fits=lambda _: True,
         make=make,
+        vectorised=partial(vector_metropolis, options.temperature, options.cooling),
         free=FreeRule(why="every commit is a legal move, and nothing more is promised"),
         keys=_KEYS,
         configure=_configured,
