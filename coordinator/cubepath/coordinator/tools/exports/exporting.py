@@ -445,7 +445,8 @@ def export(
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     named = form_of(out, form)
-    table = table or ("messages" if recording.of_keys else "moves")
+    if table is None:
+        table = "messages" if recording.of_keys else "moves"
     wanted = RowSelection(
         table, cutting.MessageSelection(tuple(topics), tuple(exclude), first, until), tuple(kinds)
     )
