@@ -388,7 +388,8 @@ def _record(options: argparse.Namespace) -> int:
     if interrupted and keys is None:
         console.complain("interrupted")
         return console.INTERRUPTED
-    options.interrupts.came = False  # as a recorder of any keys ends
+    if interrupted:  # as a recorder of any keys ends
+        options.interrupts.came = False
     return console.FAILED if recorder.ended == "router gone" else console.DONE
 
 

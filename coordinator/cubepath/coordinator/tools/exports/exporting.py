@@ -442,7 +442,8 @@ def export(
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     named = form_of(out, form)
-    table = table or ("messages" if recording.of_keys else "moves")
+    if table is None:
+        table = "messages" if recording.of_keys else "moves"
     selection = cutting.MessageSelection(tuple(topics), tuple(exclude), first, until)
     if recording.of_keys and (table != "messages" or named in (*VIEWERS, "moves")):
         raise InputError(
