@@ -198,8 +198,9 @@ def pytest_runtest_makereport(
             if any(line.startswith("recording ") for line in lines):
                 lines.append("to look at one: cubepath log info FILE, or cubepath view FILE")
             # A section of the report itself would not be in JUnit XML.
-            if hasattr(report.longrepr, "addsection"):
-                report.longrepr.addsection("cubepath", "\n".join(lines))
+            section: Any = getattr(report.longrepr, "addsection", None)
+            if section is not None:
+                section("cubepath", "\n".join(lines))
             else:
                 head = f"{' cubepath ':-^80}"
                 report.longrepr = "\n".join([str(report.longrepr), head, *lines])
