@@ -61,7 +61,7 @@ SHOWN = {
     " nothing is drawn": "takes minutes; tests/test_findings.py",
     "python docs/studies/torsion.py -o docs/studies/torsion.json   # some minutes; nothing is"
     " drawn at random": "takes minutes; tests/test_findings.py",
-    "pip install 'cubepath[proofs]'": "before a study that takes hours; tests/test_findings.py",
+    "pip install -e '.[proofs]'": "before a study that takes hours; tests/test_findings.py",
     "cubepath run hex:n=12 --listen tcp/127.0.0.1:17447 --wait-for 1": "one terminal of three",
     "cubepath log record --connect tcp/127.0.0.1:17447 -o outside.mcap": "the others",
     "cubepath log record --connect tcp/127.0.0.1:17447 --snapshot 30 -o last.mcap": "until"

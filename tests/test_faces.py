@@ -21,7 +21,7 @@ from cubepath.agents import RuleType
 from cubepath.coordinator import Shortened
 from cubepath.coordinator.theory.complexes.state_complexes import StateComplex
 from cubepath.protocol import Action, Scene
-from faces import FACES, ROOT, offered, packages, sources
+from faces import FACES, LARGE, ROOT, offered, packages, sources
 
 
 @pytest.mark.parametrize("face", FACES)
@@ -223,12 +223,20 @@ def test_every_way_to_import_is_seen() -> None:
     ]
 
 
+def test_pytest_takes_no_module_that_runs_for_one_of_the_plugin() -> None:
+    """It rewrites what stands at the top of the package, and warns of what is loaded already."""
+    from _pytest.config import _iter_rewritable_modules
+
+    tops = [ROOT / large / "cubepath" for large in LARGE]
+    files = [f"cubepath/{each.relative_to(top)}" for top in tops for each in top.rglob("*.py")]
+    assert set(_iter_rewritable_modules(files)) == set(LARGE)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("command", [["-m", "cubepath"], ["-m", "cubepath.coordinator"]])
-def test_python_runs_the_command_line(command: list[str]) -> None:
-    """``python -m cubepath --version`` says the version that is installed."""
+def test_python_runs_the_command_line() -> None:
+    """``python -m cubepath.coordinator --version`` says the version that is installed."""
     done = subprocess.run(
-        [sys.executable, *command, "--version"],
+        [sys.executable, "-m", "cubepath.coordinator", "--version"],
         capture_output=True,
         text=True,
         timeout=100,

@@ -66,7 +66,7 @@ def received(count: int, rate: float, how: str) -> tuple[float, float]:
         ]
         record = [
             "-m",
-            "cubepath",
+            "cubepath.coordinator",
             "log",
             "record",
             "--connect",

@@ -120,7 +120,7 @@ def main() -> None:
     print(f"{'command':<28}{columns}{'files':>8}")
     chosen = list(commands.items())[: 3 if quick else None]
     for name, arguments in tqdm(chosen, disable=None, leave=False, file=sys.stderr):
-        pairs(name, ("-m", "cubepath", *arguments), 1 if quick else 5)
+        pairs(name, ("-m", "cubepath.coordinator", *arguments), 1 if quick else 5)
     start(1 if quick else 9)
 
 

@@ -59,7 +59,7 @@ COMMANDS = {
     "system new": ("commands.new", "begin a page, or a distribution, with a system of your own"),
     "system check": (
         "theory.commands.catalogue",
-        "find the mistakes in a system on a page, and say what its moves are like",
+        "find the mistakes in a lattice system on a page, and say what its moves are like",
     ),
     "system show": ("theory.commands.catalogue", "draw the moves of a system, before and after"),
     "host router": ("commands.host", "route for runs on several hosts, until interrupted"),

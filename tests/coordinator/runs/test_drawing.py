@@ -160,7 +160,15 @@ def test_without_a_home_nothing_is_said_but_the_answer(tmp_path: Path) -> None:
     golden = Path(__file__).parents[3] / "logs" / "golden" / "arm-6.mcap"
     known = {"MPLCONFIGDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"}
     done = subprocess.run(
-        [sys.executable, "-m", "cubepath", "view", str(golden), "-o", str(tmp_path / "arm.png")],
+        [
+            sys.executable,
+            "-m",
+            "cubepath.coordinator",
+            "view",
+            str(golden),
+            "-o",
+            str(tmp_path / "arm.png"),
+        ],
         env={name: text for name, text in os.environ.items() if name not in known}
         | {"HOME": os.devnull},
         capture_output=True,

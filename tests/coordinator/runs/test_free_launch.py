@@ -311,7 +311,7 @@ def until(what: Callable[[], bool], patience_s: float = 60.0) -> None:
 def started(*arguments: str) -> subprocess.Popen[bytes]:
     """Start the command line."""
     return subprocess.Popen(
-        [sys.executable, "-m", "cubepath", "run", *arguments, "--json"],
+        [sys.executable, "-m", "cubepath.coordinator", "run", *arguments, "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )

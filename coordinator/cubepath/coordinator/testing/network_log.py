@@ -180,10 +180,11 @@ class MessageLog:
             found = [(at_s, ("", "", "", done, "")) for at_s, done in self._done]
         keys = sorted(passed, key=lambda key: (not lost[key], -passed[key]))[:_KEYS_SHOWN]
         often = [(f"  {passed[k]:6}", f"({lost[k]} lost)" if lost[k] else "", k) for k in keys]
-        for seen, times in shown:
+        for seen, times, last_s in shown:
             mark = "lost" if seen.lost else "copy" if seen.copied else ""
             data = "deleted" if seen.deletes else _text_of(seen.data)
-            data += "" if times == 1 else f" ({times} times)"
+            if times > 1:
+                data += f" ({times} times, until {last_s - self._began_s:.3f})"
             found.append((seen.at_s, (mark, seen.sender, seen.to, seen.key, data)))
         rows = [("  ", "s", "from", "to", "key", "data")]
         for at_s, (mark, one, other, key, data) in sorted(found, key=itemgetter(0)):
@@ -203,22 +204,23 @@ def _size(seen: WireMessage) -> int:
     return KEPT_BYTES_MAX + KEPT_MAX * (len(seen.data) + len(seen.attachment or b""))
 
 
-def _shown(kept: Sequence[WireMessage]) -> list[tuple[WireMessage, int]]:
-    """Return which messages the report shows, and how often each came in a row.
+def _shown(kept: Sequence[WireMessage]) -> list[tuple[WireMessage, int, float]]:
+    """Return which messages the report shows, how often each came in a row, and when it last did.
 
     They are those that were lost, and as many of the last on each key and way.
     """
-    ways: dict[object, list[tuple[int, int]]] = {}
+    ways: dict[object, list[tuple[int, int, float]]] = {}
     for place, seen in enumerate(kept):
-        way, times = ways.setdefault(_way(seen), []), 0
+        way, first, times = ways.setdefault(_way(seen), []), place, 0
         if way and replace(kept[way[-1][0]], at_s=seen.at_s) == seen:
-            times = way.pop()[1]
-        way.append((place, times + 1))
+            first, times, _ = way.pop()
+        way.append((first, times + 1, seen.at_s))
     share = max(1, _ROWS // max(1, len(ways)))
-    places = list[tuple[int, int]]()
+    places = list[tuple[int, int, float]]()
     for way in ways.values():
         places += way[-(_ROWS if kept[way[0][0]].lost else share) :]
-    return [(kept[place], times) for place, times in sorted(places)[-2 * _ROWS :]]
+    rows = sorted(places)[-2 * _ROWS :]
+    return [(kept[place], times, last_s) for place, times, last_s in rows]
 
 
 def _text_of(data: bytes) -> str:

@@ -318,7 +318,7 @@ def test_what_a_publisher_drops_is_counted(tmp_path: Path) -> None:
 @contextmanager
 def command(*arguments: str) -> Generator[subprocess.Popen[str]]:
     """Start the command, and wait until it records."""
-    line = [sys.executable, "-m", "cubepath", "log", "record", "--json", *arguments]
+    line = [sys.executable, "-m", "cubepath.coordinator", "log", "record", "--json", *arguments]
     with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
         try:
             assert child.stderr is not None
