@@ -17,15 +17,18 @@ NOT_OURS = frozenset(
         "concurrent",
         "crawl",
         "crossing",
+        "direct",
         "Disabled",
         "dock",
         "f9c",
         "futures",
+        "git",
         "grid24x24",
         "ipywidgets",
         "lambda",
         "NextStep",
         "pyutils",
+        "references",
         "SameStep",
         "set_num_threads",
         "SourceInfo",
@@ -36,6 +39,7 @@ NOT_OURS = frozenset(
         "unwrapped",
         "viewed",
         "xxyx",
+        "zenohd",
     ]
 )
 """Of gymnasium, torch, MCAP and other programs; and examples of values and files."""

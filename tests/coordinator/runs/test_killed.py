@@ -18,8 +18,9 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 TOLD = """
 import sys, time
 from pathlib import Path
-from cubepath.coordinator.runs import driver, launch
+from cubepath.coordinator.runs import driver
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.run import run
 from cubepath.protocol.recordings.writing import RecordingWriter
 
 class Told(RecordingWriter):
@@ -34,7 +35,7 @@ plan = Plan(
     "hex:n=6", "random", max_rounds=10**6, clock=clock, processes=int(processes),
     speeds=dict.fromkeys(range(6), 5.0) if clock == "free" else {}, log=Path(sys.argv[1]),
 )
-launch.run(plan, watch=lambda gathered: print("round", gathered.rounds, flush=True))
+run(plan, watch=lambda gathered: print("round", gathered.rounds, flush=True))
 """
 """Runs, and says when each message was given to be recorded, and which rounds are over."""
 
