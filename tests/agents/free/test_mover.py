@@ -173,17 +173,10 @@ AT_ONCE = Pace()
 
 
 def _entered(
-    choose: Any = None,
-    *,
-    alone: bool = True,
-    pace: Pace = AT_ONCE,
-    seed: int = 1,
-    note_length: int = 1,
-    **other: Any,
+    choose: Any = None, *, alone: bool = True, pace: Pace = AT_ONCE, seed: int = 1, **other: Any
 ) -> tuple[Mover, Sensing]:
     """Return the module in the middle of a path that has entered, with or without neighbours."""
-    free = FreeRule("it relies on nothing", lambda _: choose, lambda _: note_length)
-    rule = replace(RANDOM, free=free)
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing", lambda _: choose, lambda _: 1))
     mover = Mover(PATH, PATH_TILES, rule, 1, incarnation=1, seed=seed, pace=pace, **other)
     sensing = Sensing(PATH.system, PATH_TILES)
     (tile,) = mover.needs
@@ -587,23 +580,6 @@ def test_it_chooses_again_when_something_changes_and_not_before() -> None:
     assert len(asked) == 3
     mover.step(mover.due_s, sensing)
     assert [turn.turn for turn in mover.turns] == [1, 2, 3, 4]
-
-
-@pytest.mark.parametrize(("note_length", "turns"), [(0, [1, 1, 2, 3, 3]), (1, [1, 2, 3, 4, 5])])
-def test_a_rule_without_notes_is_asked_once_while_its_module_has_no_move(
-    note_length: int, turns: list[int]
-) -> None:
-    """It could only let it stay again; one with notes may have something new to say."""
-    mover, sensing = _entered(lambda _: Choice(), alone=False, note_length=note_length)
-    found = []
-    for version, module in ((0, 2), (0, 2), (1, None), (2, 2), (2, 2)):
-        site = None if module is None else THIRD
-        sensing.know([PlaceState(THIRD, version, site, module)])
-        mover.dirty = True
-        assert mover.step(0.0, sensing) == []
-        found.append(len(mover.turns))
-    assert found == turns
-    assert [turn.turn for turn in mover.turns] == list(range(1, turns[-1] + 1))
 
 
 def test_it_thinks_longer_by_its_jitter_and_says_nothing_meanwhile() -> None:

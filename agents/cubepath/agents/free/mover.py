@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from cubepath.agents.free.config import OwnMove
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.keepers.attempts import chain_of
-from cubepath.agents.local.observation import STAY, observe
+from cubepath.agents.local.observation import observe
 from cubepath.agents.local.random_streams import PACE, stream
 from cubepath.agents.rules.actor import Actor, actors_for, attempt_of
 from cubepath.agents.rules.rule import Choice, RuleType
@@ -113,8 +113,6 @@ class Mover:
         self._epoch = self._number = self._turn = self._version = 0
         self.halted = False
         """Whether it begins nothing new."""
-        self._stuck = False
-        """Whether it had no move when it last looked."""
         self._actor: Actor | None = None
         self._attempt: Attempt | None = None
         self._random = stream(seed, module, PACE)
@@ -294,6 +292,7 @@ class Mover:
             self.due_s = now_s + AGAIN_S  # what it has just done, or what is near, is not shown yet
             return []
         self.dirty = False
+        self._turn += 1
         attempt = self._own_attempt(sensing) if self._own is not None else self._asked(sensing)
         if attempt is None:
             self.due_s = now_s + self._rest_s
@@ -339,11 +338,6 @@ class Mover:
             note_length=self._note_length,
             register=(own.note if self._is_note(own.note) else ()) if self._note_length else None,
         )
-        # Its rule, asked once, could only let it stay again.
-        before, self._stuck = self._stuck, not observation["action_mask"][STAY + 1 :].any()
-        if before and self._stuck and not self._note_length:
-            return None
-        self._turn += 1
         actor = self._actor
         if actor is None:
             raise AssertionError(f"module_{self.module} acts before it has entered")
@@ -420,7 +414,6 @@ class Mover:
             if near is not None and (on := sensing.place(near).site) is not None
         }
         choice = Choice(self._system.moves(self.site).index(move) + 1)
-        self._turn += 1
         attempt = self._attempt_of(choice, shown, {}, ())
         return None if attempt is None else replace(attempt, after=due.after)
 
