@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import count, pairwise
 from pathlib import Path
@@ -60,19 +60,16 @@ def test_a_commit_that_contradicts_others_is_on_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The run fails, and `verify` finds what it failed for."""
-    honest = Collector.receive_all
+    honest = Collector.receive
     moves = count(1)
 
-    def altered(key: str, data: bytes) -> tuple[str, bytes]:
+    def altered(collector: Collector, key: str, data: bytes) -> list[Effect]:
         message = decode_free(data)
         if isinstance(message, Commit) and message.generator and next(moves) == 3:
             data = encode(structs.replace(message, level=message.level + 1))
-        return key, data
+        return honest(collector, key, data)
 
-    def receive_all(collector: Collector, messages: Sequence[tuple[str, bytes]]) -> list[Effect]:
-        return honest(collector, [altered(*each) for each in messages])
-
-    monkeypatch.setattr(Collector, "receive_all", receive_all)
+    monkeypatch.setattr(Collector, "receive", altered)
     log = tmp_path / "run.mcap"
     outcome = run(Plan(system=CHAIN, clock="free", processes=2, keepers=2, log=log))
     assert outcome.ended == "failed"

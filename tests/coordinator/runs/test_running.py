@@ -166,7 +166,6 @@ def test_whoever_may_join_may_ask(clock: Literal["lockstep", "free"], tmp_path: 
         running.until(lambda each: each.goal_reached)
         endpoint, name = running.endpoint, running.run
         if running.goes_on:
-            assert ask(endpoint).moves == running.status.moves
             with pytest.raises(CheckError, match=r"0123 did not answer at unixsock"):
                 ask(endpoint, "0123", timeout_s=0.2)
     with pytest.raises(CubepathError, match="no zenoh router at"):

@@ -9,7 +9,7 @@ import zenoh
 
 import cubepath.protocol.wire.shell as shell_module
 from cubepath.protocol.wire.credentials import COORDINATOR
-from cubepath.protocol.wire.nodes import BatchNode, Effect, End, Keep, Listen, Timer
+from cubepath.protocol.wire.nodes import BatchNode, Effect, End, Listen, Timer
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, put
 from cubepath.protocol.wire.shell import Shell
@@ -176,33 +176,6 @@ def test_what_has_arrived_is_one_batch_that_ends_where_a_tick_is_due(
         while len(node.heard) < 9:
             assert shell.step(ENOUGH_S)
     assert node.batches == [3, 4, 2]
-
-
-class Recorder(Gatherer):
-    """Records what has arrived together."""
-
-    def receive_all(self, messages: Sequence[tuple[str, bytes]]) -> list[Effect]:
-        """Keep each message."""
-        return [Keep(data, None) for _, data in messages]
-
-
-def test_each_message_of_a_batch_is_recorded_when_it_came(
-    endpoint: str, guest: zenoh.Session
-) -> None:
-    """Not when the node takes it, and not with the first one."""
-    kept: list[tuple[bytes, int]] = []
-    with Shell(
-        Recorder(ENOUGH_S), endpoint, lambda each, wall_ns: kept.append((each.data, wall_ns))
-    ) as shell:
-        shell.start()
-        say(guest, shell, b"same")
-        between = time.time_ns()
-        say(guest, shell, b"same", b"last")
-        after = time.time_ns()
-        assert shell.step(ENOUGH_S)
-    assert [data for data, _ in kept] == [b"same", b"same", b"last"]
-    (_, first), (_, second), (_, third) = kept
-    assert first <= between <= second <= third <= after
 
 
 def test_a_timer_that_is_set_anew_begins_anew(endpoint: str, guest: zenoh.Session) -> None:

@@ -34,7 +34,7 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.keys import everything, topic_in_key
 from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageError, Refused, encode
-from cubepath.protocol.wire.nodes import BatchNode, Effect, Keep, Listen, Put, Timer
+from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Node, Put, Timer
 
 ASKS_MAX = 12
 """How often it is asked for the same messages; then they are given up."""
@@ -122,7 +122,7 @@ RECORDED_STEP = 1000
 """After this many commits a keeper is told that they are in the file of the recording."""
 
 
-class Collector(BatchNode):
+class Collector(Node):
     """Hears everything in a run, and passes it on to the gatherer and to the record."""
 
     def __init__(
@@ -156,14 +156,8 @@ class Collector(BatchNode):
         """Listen, and ask keepers what there was before."""
         return [Listen((everything(self._run),)), *self.fetch(), Timer(LOOK_S)]
 
-    def receive_all(self, messages: Sequence[tuple[str, bytes]]) -> list[Effect]:
-        """Take messages, which go in the recording even if one is a `contradiction`."""
-        effects: list[Effect] = []
-        for key, data in messages:
-            effects += self._take(key, data)
-        return effects
-
-    def _take(self, key: str, data: bytes) -> list[Effect]:
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message, which goes in the recording even if it is a `contradiction`."""
         try:
             message = _read(self._run, key, data)
             self._check_speaker(message)

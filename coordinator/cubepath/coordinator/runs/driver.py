@@ -180,6 +180,7 @@ class Driver(ABC, Generic[Fleet]):
                 ending = self._failed("out of memory")
             if ending is not None:
                 self._finish(ending)
+        self._answer()
 
     @contextmanager
     def _whole(self) -> Generator[None]:
@@ -321,7 +322,7 @@ class Driver(ABC, Generic[Fleet]):
         credentials = fleet.credentials()
         self._answers = Answers(self.endpoint, credentials, self.status, about, self._release)
 
-    def answer(self) -> None:
+    def _answer(self) -> None:
         """Answer where the run stands from now on."""
         now = self.gathered.rounds, self.gathered.moves
         if self._answers is not None and now != self._answered:
@@ -330,5 +331,5 @@ class Driver(ABC, Generic[Fleet]):
 
     def _watch(self) -> None:
         """Say that a round is over, or that modules have moved."""
-        self.answer()
+        self._answer()
         self._listeners.watch(self.gathered)

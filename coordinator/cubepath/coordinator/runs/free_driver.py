@@ -251,16 +251,9 @@ class FreeDriver(Driver[FreeFleet]):
             if now - asked > _LOOK_S:
                 asked = now
                 shell.carry_out(collector.fetch())
-            self._step(shell)
+            shell.step(_STEP_S)
             self._check()
             self._look_after(fleet)
-
-    def _step(self, shell: Shell) -> bool:
-        """Record what has come, or comes soon; return whether anything did."""
-        came = shell.step(_STEP_S)
-        if self._collector.contradiction is not None:
-            raise self._collector.contradiction
-        return came
 
     def _next(self) -> RunEnd | None:
         """Take what comes next."""
@@ -269,12 +262,10 @@ class FreeDriver(Driver[FreeFleet]):
             raise AssertionError("a fleet without a shell")
         collector = self._collector
         moves = self.gathered.moves
-        came = self._step(shell)
+        came = shell.step(_STEP_S)
         self._check()
         self._look_after(fleet)
         self._keep_up(shell)
-        if not came:
-            self.answer()
         if self.gathered.moves > moves:
             self._heard = time.monotonic()
             self._goes_on()
@@ -371,7 +362,7 @@ class FreeDriver(Driver[FreeFleet]):
                 if not all_rest or now - halted > HALT_S / 5:  # told once, they halt for a while
                     halted = now
                     shell.carry_out(collector.repeat_order())
-            self._step(shell)
+            shell.step(_STEP_S)
             if known != (known := self._known()):  # in a large run there may be much to catch up
                 until = min(time.monotonic() + seconds, at_most)
 
@@ -407,6 +398,8 @@ class FreeDriver(Driver[FreeFleet]):
     def _keep(self, kept: Keep[free_messages.FreeMessage], wall_ns: int) -> None:
         self._refused += refusals_in(kept)
         self._write(kept.message, kept.data, wall_ns)
+        if self._collector.contradiction is not None:
+            raise self._collector.contradiction
 
     def _write(self, message: free_messages.FreeMessage, data: bytes, wall_ns: int) -> None:
         self._level = max(self._level, free_messages.level_of(message))

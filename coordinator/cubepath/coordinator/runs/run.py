@@ -213,8 +213,8 @@ class Run:
     def until(self, what: Callable[[Run], object], *, timeout_s: float = _TIMEOUT_S) -> None:
         """Go on until something holds of the run, which is looked at after each round.
 
-        Without rounds it is looked at after the messages that came together. CheckError if the run
-        ends before it holds, TimeoutError if it takes longer than `timeout_s`.
+        Without rounds it is looked at after each message. CheckError if the run ends before it
+        holds, TimeoutError if it takes longer than `timeout_s`.
         """
         function("until", what)
         timeout_s = seconds("timeout_s", timeout_s)
@@ -305,7 +305,6 @@ class Run:
         with self._lock.hold():
             if self.goes_on:
                 self._begun.advance()
-                self._begun.answer()
             self._listeners.raise_first()
 
     # How it stands.

@@ -104,8 +104,7 @@ class Shell:
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._due: float | None = None
         self._before_tick: int | None = None
-        self._received: dict[int, tuple[bytes, int]] = {}
-        """By identity the messages that the node has now, and when they came."""
+        self._received: tuple[bytes, int] = b"", 0
         self.ended = False
         self._session = open_client(endpoint, None, credentials=credentials)
 
@@ -164,10 +163,7 @@ class Shell:
         if self._before_tick is not None:
             self._before_tick -= len(arrived)
         messages = [(str(sample.key_expr), sample.payload.to_bytes()) for sample, _ in arrived]
-        self._received = {
-            id(data): (data, wall_ns)
-            for (_, data), (_, wall_ns) in zip(messages, arrived, strict=True)
-        }
+        self._received = messages[0][1], arrived[0][1]
         with self._lock:
             self._queued_bytes -= sum(len(data) for _, data in messages)
         if isinstance(self._node, BatchNode):
@@ -215,8 +211,8 @@ class Shell:
 
     def _on_record(self, kept: Keep[Any]) -> None:
         if self._keep is not None:
-            _, wall_ns = self._received.get(id(kept.data)) or (b"", time.time_ns())
-            self._keep(kept, wall_ns)
+            data, wall_ns = self._received
+            self._keep(kept, wall_ns if kept.data is data else time.time_ns())
 
     def _put(self, key: str, data: bytes) -> None:
         found = self._publishers.pop(key, None)
