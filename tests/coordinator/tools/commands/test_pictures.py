@@ -115,7 +115,7 @@ def test_other_paths_are_drawn(tmp_path: Path) -> None:
         ([str(moves)], 2),
         ([str(moves), "--what", "schedule"], 1),
         ([str(cubes), "--system", "agv:graph=grid2x2,n=2"], 1),
-        ([str(plan), "--with", str(room)], 8),
+        ([str(plan), "--with", str(room)], 4),  # its rounds
     ):
         assert main(["view", *arguments, "-o", film]) == 0
         assert frames(Path(film)) == 1 + 4 * count
