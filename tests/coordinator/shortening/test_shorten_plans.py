@@ -12,6 +12,7 @@ from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.theory.optimality.tasks import task_of
 from cubepath.protocol.core.catalogue import GeneratorPlacement
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.file_forms import PlanHints
 from cubepath.protocol.wire.messages import encode
 from samples.plans import DATA
@@ -91,6 +92,20 @@ def test_the_command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None
     code, out, _ = run(capsys, "shorten", DATA / "pivots.txt", "--system", "hex:n=3")
     assert code == 0
     assert "planner" not in out
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"companions": "room.map"}, r"companions='room.map': expected a list of files"),
+        ({"companions": [3]}, r"companions=\[3\]: expected a list of files"),
+        ({"format": 3}, "format=3: expected the name of a format"),
+    ],
+)
+def test_what_is_no_format_and_no_list_of_files_is_refused(given: dict[str, Any], why: str) -> None:
+    """From Python, where a text is a sequence, too."""
+    with pytest.raises(InputError, match=why):
+        shorten(DATA / "lacam.txt", **given)
 
 
 REFUSED: dict[str, tuple[tuple[object, ...], str]] = {

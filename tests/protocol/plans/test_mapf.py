@@ -66,6 +66,16 @@ def test_a_log_finds_the_map_that_it_names_in_its_own_folder(tmp_path: Path) -> 
     assert len(moves_read(tmp_path / "plans" / "log.txt", companions=[])) == 3
 
 
+@pytest.mark.parametrize("named", ["m" * 5000, "a\0b", "..", "."])
+def test_a_map_with_a_name_that_no_file_has_is_one_that_is_missing(
+    named: str, tmp_path: Path
+) -> None:
+    """The line names the plan and what was expected."""
+    path = save(tmp_path / "log.txt", log_text(PLAN).replace("room.map", named))
+    with pytest.raises(InputError, match=r"log\.txt: a plan on a map: expected the map"):
+        read_plan(path)
+
+
 def test_lists_by_timestep_read_as_by_agent_are_refused_with_the_way_to_say_it(
     tmp_path: Path,
 ) -> None:

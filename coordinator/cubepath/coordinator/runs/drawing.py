@@ -386,7 +386,7 @@ class Page:
     """A figure whose parts are placed in inches from its upper left corner."""
 
     def __init__(self, wide: float, high: float, theme: Theme, dots: int = 100) -> None:
-        """Make it of this size, with so many dots to the inch on a screen."""
+        """Make it of this size in inches, with this many dots an inch on a screen."""
         from matplotlib.figure import Figure  # noqa: PLC0415 - only when something is drawn
 
         figure = Figure(figsize=(wide, high), dpi=dots, facecolor=theme.of(PAPER))

@@ -152,6 +152,10 @@ def shorten(
     >>> found.moves, found.reduced_moves, found.cubes, found.bound.cubes
     (128, 50, 20, 3)
     """
+    if not isinstance(format, str | None):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"format={format!r}: expected the name of a format")
+    if isinstance(companions, str | Path) or not all(isinstance(f, str | Path) for f in companions):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"companions={companions!r}: expected a list of files")
     hints = PlanHints(format, tuple(map(Path, companions)))
     if path == "":
         raise InputError("path='': expected the path of a file")
