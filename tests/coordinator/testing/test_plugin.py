@@ -218,13 +218,26 @@ def test_wait(cubepath_network, request):
         "request.getfixturevalue('none')",
     ],
 )
-def test_the_log_is_in_the_report_and_in_its_xml(fails: str, tmp_path: Path) -> None:
-    """Once, whether the failure is shown with frames, in one line, or as no fixture."""
+def test_the_log_is_in_the_report_and_in_its_xml(
+    fails: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once, whether the failure is shown with frames or as no fixture, and on a server too."""
+    monkeypatch.setenv("CI", "true")  # where the summary does not cut what failed
     found = outcome_of(tmp_path, LOSES.format(fails=fails), "--junitxml=found.xml").stdout
     for text in (found, (tmp_path / "found.xml").read_text()):
         assert text.count("messages by key, 1 key:") == 1, text
         assert text.count(" 0 (1 lost) robot/arm") == 1
         assert " cubepath ----" in text
+
+
+def test_a_test_that_was_to_fail_shows_its_log_too(tmp_path: Path) -> None:
+    """It has no error that could be shown with it."""
+    text = LOSES.format(fails="pass").replace(
+        "def test", "@pytest.mark.xfail(strict=True)\ndef test"
+    )
+    found = outcome_of(tmp_path, "import pytest" + text).stdout
+    assert "[XPASS(strict)]" in found
+    assert found.count("messages by key, 1 key:") == 1, found
 
 
 WRONG = """

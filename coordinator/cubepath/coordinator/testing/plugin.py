@@ -197,13 +197,18 @@ def pytest_runtest_makereport(
         if lines:
             if any(line.startswith("recording ") for line in lines):
                 lines.append("to look at one: cubepath log info FILE, or cubepath view FILE")
-            # A section of the report itself would not be in JUnit XML.
-            section: Any = getattr(report.longrepr, "addsection", None)
-            if section is not None:
-                section("cubepath", "\n".join(lines))
-            else:
-                head = f"{' cubepath ':-^80}"
-                report.longrepr = "\n".join([str(report.longrepr), head, *lines])
+            # A section of the report itself would not be in JUnit XML. On a continuous integration
+            # server pytest repeats a report that is plain text, whole, in its summary.
+            shown: Any = report.longrepr
+            if getattr(shown, "addsection", None) is not None:
+                shown.addsection("cubepath", "\n".join(lines))
+            elif call.excinfo is not None:
+                report.longrepr = rest = call.excinfo.getrepr(style="native")
+                entry: Any = rest.reprtraceback.reprentries[0]
+                entry.lines[:] = [str(shown), "\n"]
+                rest.addsection("cubepath", "\n".join(lines))
+            else:  # it passed, and was to fail
+                report.sections.append(("cubepath", "\n".join(lines)))
     return report
 
 
