@@ -60,6 +60,8 @@ class FreeDriver(Driver[FreeFleet]):
         self._begun = False
         self._past_goal = False
         """Whether the modules were at their goal, and had left it when all was known."""
+        self._complete = False
+        """Whether all modules rest, and everything that was committed is on record."""
         self._level = 0
         self._looked = 0.0
         self._halted: float | None = None
@@ -210,7 +212,7 @@ class FreeDriver(Driver[FreeFleet]):
         One that was interrupted can, if its record is not complete.
         """
         logs = keeper_logs(self.writer.path)
-        lacks = self._begun and ending.ended == "interrupted" and not self._collector.settled
+        lacks = self._begun and ending.ended == "interrupted" and not self._complete
         if lacks:
             self._say(f"not all moves are on record: those in {logs} are taken up by --from")
         elif ending.ended != "failed" or self.gathered.failed is not None:
@@ -283,6 +285,7 @@ class FreeDriver(Driver[FreeFleet]):
             return RunEnd("goal")
         if ending.ended != "goal" or self.gathered.reached:
             return ending
+        self._complete = False
         shell.carry_out(collector.resume())  # it only came past it
         self._past_goal = True
         return None
@@ -344,8 +347,8 @@ class FreeDriver(Driver[FreeFleet]):
         known = self._known()
         shell.carry_out(collector.halt())
         asked, halted = 0.0, time.monotonic()
-        settled = rested = False
-        while not settled and time.monotonic() < until:
+        self._complete = rested = False
+        while not self._complete and time.monotonic() < until:
             self._check()
             self._look_after(fleet)
             all_rest = fleet.processes_alive() <= collector.resting
@@ -353,9 +356,9 @@ class FreeDriver(Driver[FreeFleet]):
                 collector.tails.clear()  # who rests commits nothing: what is told now is the end
                 asked = 0.0
             rested = all_rest
-            settled = rested and collector.settled
+            self._complete = rested and collector.settled
             now = time.monotonic()
-            if not settled and now - asked > _LOOK_S:
+            if not self._complete and now - asked > _LOOK_S:
                 asked = now
                 if all_rest:
                     shell.carry_out(collector.fetch())
