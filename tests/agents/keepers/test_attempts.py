@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from cubepath.agents.keepers import attempts
 from cubepath.agents.keepers.attempts import NotAnAttempt, chain_of, planned
 from cubepath.protocol.core.catalogue import HEXAGONS
 from cubepath.protocol.core.sites import Site, in_order
@@ -169,3 +170,16 @@ def test_a_chain_of_what_is_no_place_is_refused() -> None:
     graph = scene_from_spec("agv:graph=P3,n=1").system
     with pytest.raises(NotAnAttempt, match="attempt of module_0: "):
         chain_of(graph, Dealt(graph, {0: 0, 1: 0, 2: 0}), attempt(sensed=[([], None)]))
+
+
+def test_no_more_than_so_many_plans_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a plan that is kept is the one that would be made."""
+    monkeypatch.setattr(attempts, "_PLANS_MAX", 3)
+    tiles, kept = Scattered(), []
+    for times in (0, 1, 2, 1, 3, 4, 5, 6):
+        made = attempt(after=[((0, 0), times, None)])
+        plan = planned(HEX.system, tiles, made)
+        assert plan.attempt is made
+        assert plan.shares[1].after == (((0, 0), times, None),)
+        kept.append(len(attempts._known_plans(HEX.system, tiles)))
+    assert kept == [1, 2, 3, 3, 1, 2, 3, 1]

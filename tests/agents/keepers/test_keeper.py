@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace as replaced
 
-from cubepath.agents.keepers.journal import Acknowledged, JoinedRecord, MemoryJournal
+from cubepath.agents.keepers.journal import Acknowledged, Compacted, JoinedRecord, MemoryJournal
 from cubepath.agents.keepers.keeper import (
     ABORTED,
     FETCH_MAX,
@@ -542,14 +542,13 @@ def test_the_next_attempt_waits_until_the_last_one_is_decided_here_too() -> None
 
 
 class Row:
-    """The first keeper of three vehicles on a path, of which the second has the first place."""
+    """The first keeper of vehicles on a path, of which the second has the first place."""
 
-    def __init__(self) -> None:
-        self.scene = replace(
-            scene_from_spec("agv:graph=P5,n=3"), start=(0, 2, 3), goal=None, goals=()
-        )
-        tiles = Dealt(self.scene.system, {0: 1, 1: 0, 2: 0, 3: 0, 4: 0})
-        self.keeper = Keeper(0, self.scene, tiles, MemoryJournal())
+    def __init__(self, length: int = 5, start: tuple[int, ...] = (0, 2, 3)) -> None:
+        spec = f"agv:graph=P{length},n={len(start)}"
+        self.scene = replace(scene_from_spec(spec), start=start, goal=None, goals=())
+        keepers: dict[Site, int] = {vertex: int(vertex in {0, 6}) for vertex in range(length)}
+        self.keeper = Keeper(0, self.scene, Dealt(self.scene.system, keepers), MemoryJournal())
 
     def go(
         self, module: int, source: int, target: int, guard: Any = None, number: int = 1
@@ -583,6 +582,27 @@ def test_who_waits_is_not_overtaken_by_who_conflicts_with_it_alone() -> None:
         (1, ""),
         (2, "2 shows None, 2 was sensed"),
     ]
+
+
+def test_who_waits_for_another_is_taken_up_before_those_that_came_first() -> None:
+    """Only what conflicts waits: at the other end of the path nothing is in the way any more."""
+    row = Row(7, (0, 2, 6, 4))
+    for module, source, target in ((0, 0, 1), (2, 6, 5), (1, 2, 1), (3, 4, 5)):
+        assert row.go(module, source, target) == []
+    assert (list(row.keeper._prepared), list(row.keeper._waiting)) == ([0, 2], [1, 3])
+    row.keeper.hear(1, Decision(2, 0, 1, reason="no"))
+    assert [(each.module, each.reason) for each in row.told()] == [(2, "no"), (3, "")]
+    assert list(row.keeper._waiting) == [1]
+
+
+def test_how_often_each_module_has_entered_is_in_a_compacted_log() -> None:
+    """A run that is taken up again is checked by it."""
+    row = Row()
+    for module, incarnation in ((1, 1), (1, 2), (2, 1)):
+        row.keeper.ask(1, EnterRequest(module, incarnation))
+    compacted, *_ = row.keeper._compacted(0)
+    assert isinstance(compacted, Compacted)
+    assert compacted.entered == {1: 2, 2: 1}
 
 
 def test_who_waited_for_what_is_replaced_is_taken_up() -> None:
