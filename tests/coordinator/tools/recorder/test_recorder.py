@@ -345,7 +345,8 @@ def test_an_interrupt_leaves_with_the_file_closed(number: int, tmp_path: Path) -
     assert json.loads(out)["logs"] == [str(log)]
     recording = read_recording(log)
     assert recording.problems == ()
-    assert {record.round for record in recording.records} == {1, 2, 3}
+    # On a busy machine the last message before the first round may still be on its way.
+    assert {record.round for record in recording.records} - {0} == {1, 2, 3}
 
 
 @pytest.mark.thorough

@@ -127,7 +127,7 @@ def test_the_keyboard_does_all(run: tuple[Path, Watched], opened: Open) -> None:
 def test_words_name_one_step_at_a_time(run: tuple[Path, Watched], opened: Open) -> None:
     """While it plays the heading, the captions and the slider say the same rounds and cubes."""
     page = opened(run[0])
-    page.evaluate("cubepath.view.clock.speed = 16")
+    page.evaluate("cubepath.view.clock.speed = 4")  # on a busy machine there are few frames
     page.keyboard.press(" ")
     seen = page.evaluate(
         """() => new Promise((done) => {
@@ -228,6 +228,7 @@ def test_the_mouse_does_all(run: tuple[Path, Watched], opened: Open) -> None:
     page.mouse.click(chart["x"] + chart["width"] * 0.75, chart["y"] + 30)
     assert position(page) == pytest.approx(0.75 * steps, abs=0.5)
     page.click("#first")
+    settled(page)  # what is under the mouse is looked up in what is drawn
     spot = page.evaluate(
         """() => {
           const [stage] = cubepath.view.stages, { x, y } = cubepath.state(0).modules[1];
