@@ -189,7 +189,7 @@ def test_the_farthest_pairs_are_as_far_apart_as_said(corners: int) -> None:
     assert len(found.cubes) == row["diameter"]
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("row", _flip_rows()[2:], ids=lambda row: f"{row['n']} corners")
 def test_a_solver_says_the_same_of_the_farthest_pairs(row: dict[str, Any]) -> None:
     """A round fewer than the diameter is refuted, and that many rounds are enough."""

@@ -178,7 +178,7 @@ print(plain, env.world.round)
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 @pytest.mark.timeout(600)
 def test_the_plain_world_serves_until_everything_is_compiled(tmp_path: Path) -> None:
     """Where nothing was compiled before, it plays on while a process of its own compiles."""

@@ -90,8 +90,7 @@ def test_every_connected_instance_is_reached(scene: Scene, pace: Pace) -> None:
     assert played(scene, pace)[0].reached
 
 
-@pytest.mark.slow
-@pytest.mark.thorough
+@pytest.mark.nightly
 @settings(max_examples=350, derandomize=True)
 @given(crowded(), paces())
 def test_very_many_connected_instances_are_reached(scene: Scene, pace: Pace) -> None:

@@ -229,7 +229,7 @@ def test_12_vehicles_on_random_32_reach() -> None:
     assert len(played.rounds) <= 58
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_30_vehicles_on_random_32_over_seeds() -> None:
     """Over 30 seeds all reach, in the mean no later than an earlier simulator's 54 by 5 %."""
     scene = benchmark_scene(30)

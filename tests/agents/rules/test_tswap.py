@@ -173,7 +173,7 @@ def test_a_dense_grid_makes_progress() -> None:
     assert run.reached
 
 
-@pytest.mark.thorough
+@pytest.mark.nightly
 def test_1000_vehicles_on_a_grid_of_1600_make_progress() -> None:
     """In 40 rounds more than half of all distances is gone, with progress in every round."""
     scene = scene_from_spec("agv:graph=grid40x40,n=1000,seed=1")

@@ -56,7 +56,7 @@ def test_a_share_lies_within_its_interval() -> None:
             assert 0.0 <= low <= point.share <= high <= 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_event_is_named_drawn_and_the_same_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

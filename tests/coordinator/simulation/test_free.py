@@ -69,7 +69,7 @@ def test_who_stays_by_choice_is_not_stuck() -> None:
     assert held(arm, Fault("process_4", 20, "crash")).outcome == "blocked"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("seed", "outcome"), [(21297, "blocked"), (26641, "gave-up")])
 def test_a_rule_that_does_not_arrive_is_no_fault_of_keepers(seed: int, outcome: str) -> None:
     """Vehicles go round one that has died for ever; one gives up after many moves."""

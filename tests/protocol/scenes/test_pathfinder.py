@@ -106,7 +106,7 @@ SCENES = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.few(3)
 @pytest.mark.parametrize("sample", SCENES, ids=["slides", "pivots", "all", "cubes", "rolls"])
 def test_moves_and_states_are_those_of_another_reading(tmp_path: Path, sample: Any) -> None:
     """As many moves, each with the one back, and the same states within four moves."""

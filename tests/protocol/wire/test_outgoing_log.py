@@ -61,7 +61,7 @@ def test_what_is_kept_is_bounded() -> None:
     assert len(found) == REPEATED_MAX
     assert found[0] == 11
     assert all(two == one + 1 for one, two in pairwise(found))
-    large = Requests(0, 0, [TileQuery("0,0", number) for number in range(2000)])
+    large = Requests(0, 0, [TileQuery("0" * 300, number) for number in range(200)])
     size = len(outgoing.append(large).data)
     for _ in range(40):
         outgoing.append(large)

@@ -58,7 +58,7 @@ def carried_out(plan: list[PathMove], scene: Scene) -> int:
     [
         *(2, 3, 6),
         *(pytest.param(size, marks=pytest.mark.slow) for size in (11, 18)),
-        pytest.param(30, marks=pytest.mark.thorough),
+        pytest.param(30, marks=pytest.mark.nightly),
     ],
 )
 def test_plans_lead_to_the_goal(size: int, seed: int) -> None:
