@@ -369,10 +369,11 @@ def test_it_does_not_choose_before_its_own_change_is_shown() -> None:
     ((_, asked),) = mover.step(0.0, sensing)
     assert isinstance(asked, Attempt)
     assert asked.notes == [(SECOND, [], [1])]
-    _commit(mover, asked, 0)
+    _commit(mover, asked, 0, version=2)
+    assert (mover.site, mover._version) == (SECOND, 2)
     assert mover.step(9.0, sensing) == []
     assert notes == [None]
-    sensing.know([PlaceState(SECOND, 0, SECOND, 1, [1], 1)])
+    sensing.know([PlaceState(SECOND, 0, SECOND, 1, [1], 2)])
     assert len(mover.step(99.0, sensing)) == 1
     assert notes == [None, (1,)]
 

@@ -119,8 +119,9 @@ def test_a_log_has_grown_when_it_is_long_and_has_doubled(
 
 
 def test_what_is_compacted_takes_the_place_of_all_before(tmp_path: Path) -> None:
-    """Records and commits, in memory and in a file."""
+    """Records and commits, in memory and in a file; what a compaction that died left counts not."""
     memory = MemoryJournal()
+    (tmp_path / "log.new").write_bytes(b"left over\n")
     with FileJournal(tmp_path / "log", opened()) as file:
         for log in (memory, file):
             _filled(log)
@@ -128,6 +129,8 @@ def test_what_is_compacted_takes_the_place_of_all_before(tmp_path: Path) -> None
             assert [*log.records()] == RECORDS[4:]
     with pytest.raises(KeyError):
         memory.commit(1)
+    with FileJournal(tmp_path / "log", opened(2)) as again:
+        assert [*again.records()] == RECORDS[4:]
 
 
 OPEN = Path("/proc/self/fd")
