@@ -595,6 +595,19 @@ def test_who_waits_for_another_is_taken_up_before_those_that_came_first() -> Non
     assert list(row.keeper._waiting) == [1]
 
 
+def test_attempts_are_numbered_anew_in_each_epoch() -> None:
+    """Whatever the last one was."""
+    row = Row()
+    (moved,) = row.go(1, 2, 1)
+    assert moved.commit is not None
+    row.keeper.ask(1, EnterRequest(1, 1))
+    (replies,) = row.keeper.outgoing()
+    assert isinstance(replies, Replies)
+    (entered,) = replies.parts
+    assert isinstance(entered, Entered)
+    assert (entered.occupant.epoch, entered.occupant.number) == (1, 0)
+
+
 def test_how_often_each_module_has_entered_is_in_a_compacted_log() -> None:
     """A run that is taken up again is checked by it."""
     row = Row()
