@@ -230,6 +230,23 @@ def test_the_log_is_in_the_report_and_in_its_xml(
         assert " cubepath ----" in text
 
 
+def test_an_error_in_one_line_has_the_log_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That of a fixture that comes after the one that lost something."""
+    monkeypatch.setenv("CI", "true")
+    text = LOSES.format(fails="pass").replace("def test_wait", "@pytest.fixture\ndef lossy")
+    text = (
+        f"import pytest{text}\n@pytest.mark.cubepath(typo=3)\ndef test_it(lossy, cubepath_run): ..."
+    )
+    found = outcome_of(tmp_path, text, "--junitxml=found.xml").stdout
+    assert re.search(
+        r"^InputError: @pytest.mark.cubepath: typo: expected one of", found, re.MULTILINE
+    )
+    for each in (found, (tmp_path / "found.xml").read_text()):
+        assert each.count("messages by key, 1 key:") == 1, each
+
+
 def test_a_test_that_was_to_fail_shows_its_log_too(tmp_path: Path) -> None:
     """It has no error that could be shown with it."""
     text = LOSES.format(fails="pass").replace(

@@ -345,8 +345,9 @@ def test_an_interrupt_leaves_with_the_file_closed(number: int, tmp_path: Path) -
     assert json.loads(out)["logs"] == [str(log)]
     recording = read_recording(log)
     assert recording.problems == ()
-    # On a busy machine the last message before the first round may still be on its way.
-    assert {record.round for record in recording.records} - {0} == {1, 2, 3}
+    # Until the first round begins, a process repeats now and then that it is there.
+    begun = [record for record in recording.records if (record.kind, record.round) != ("ready", 0)]
+    assert {record.round for record in begun} == {1, 2, 3}
 
 
 @pytest.mark.thorough
